@@ -27,6 +27,7 @@ from envs.errors import TaskError, did_you_mean
 
 POSITION, MOTOR = TYPES = ("position", "motor")  # of actuators
 WORLD = "world"
+PART = "Unrecognized XML model type"  # what the engine says of a file whose root is not <mujoco>
 KEYS = (
     "joint",
     "type",
@@ -63,7 +64,8 @@ def load_spec(path: str | Path) -> mujoco.MjSpec:
         if isinstance(error, TaskError):
             raise
         words = " ".join(str(error).split())
-        raise TaskError(f"{path}: the model cannot be read: {words}") from None
+        part = PART in words and "; it is a part that other files include: give the whole model"
+        raise TaskError(f"{path}: the model cannot be read: {words}{part or ''}") from None
     _leave_out_pictures(spec, path)
     return named(spec)
 
@@ -80,6 +82,7 @@ def _leave_out_pictures(spec: mujoco.MjSpec, path: Path) -> None:
             continue
         body = geom.parent
         weighs = not body.explicitinertial and geom.mass != 0 and geom.density != 0
+        weighs &= body.name != WORLD  # nothing moves it
         if geom.contype or geom.conaffinity or weighs:
             what = "gives the body its mass" if weighs else "touches other bodies"
             raise TaskError(

@@ -142,3 +142,22 @@ def test_a_mesh_that_matters_is_missed(tmp_path: Path, shell: str, sentence: str
     path.write_text(MJCF.format(shell=shell))
     with pytest.raises(TaskError, match=rf"arm.xml: the mesh 'shell.stl' is missing.*{sentence}"):
         load_spec(path)
+
+
+def test_a_picture_of_the_world_weighs_nothing(tmp_path: Path) -> None:
+    """A mesh that is not there is left out of the ground as well, where nothing touches it."""
+    path = tmp_path / "arm.xml"
+    table = '<geom type="mesh" mesh="shell" contype="0" conaffinity="0"/></worldbody>'
+    path.write_text(
+        MJCF.format(shell='contype="0" conaffinity="0" mass="0"').replace("</worldbody>", table)
+    )
+    assert load_spec(path).compile().ngeom == 1
+
+
+def test_a_part_of_a_model_is_named_as_one(tmp_path: Path) -> None:
+    """A file that others include has another root."""
+    path = tmp_path / "motors.xml"
+    for root in ("mujocoinclude", "default"):
+        path.write_text(f"<{root}><actuator/></{root}>")
+        with pytest.raises(TaskError, match=r"a part that other files include: give the whole"):
+            load_spec(path)
