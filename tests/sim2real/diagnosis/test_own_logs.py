@@ -73,6 +73,10 @@ MODELS: dict[str, tuple[dict[str, str], float]] = {  # parts of the arm, size of
         0.8,
     ),
     "explicit Euler": ({"options": '<option timestep="0.001"/>'}, 0.8),
+    "motor in coarse steps": (
+        {"options": '<option timestep="0.02"/>', "actuators": '<motor joint="a"/>'},
+        0.5,
+    ),
     "keyframe": ({"rest": '<keyframe><key name="home" qpos="0.4" ctrl="0.4"/></keyframe>'}, 0.6),
     "mesh that is not there": (
         {
