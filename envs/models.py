@@ -45,7 +45,7 @@ COMPILER = {"fusestatic": "false", "discardvisual": "true", "balanceinertia": "t
 
 
 def load_spec(path: str | Path) -> mujoco.MjSpec:
-    """Read a model; its unnamed actuators are called as what they drive.
+    """Read a model; see `named` for what has no name.
 
     Args:
         path: an MJCF or, by its ending, a URDF.
@@ -116,7 +116,16 @@ def columns_of(model: mujoco.MjModel, joint: int) -> tuple[list[str], list[str]]
 
 
 def named(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    """Return the spec, its unnamed actuators called as what they drive: a log needs names."""
+    """Return the spec, unnamed joints called as their bodies, and actuators as what they drive.
+
+    A log needs names; a joint of an unnamed body is called by its number.
+    """
+    joints = {joint.name for joint in spec.joints}
+    for number, joint in enumerate(spec.joints):
+        name = joint.parent.name or f"joint{number}"
+        if not joint.name and name not in joints:
+            joint.name = name
+            joints.add(name)
     taken = {actuator.name for actuator in spec.actuators}
     for actuator in spec.actuators:
         if not actuator.name and actuator.target not in taken:

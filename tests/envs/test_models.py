@@ -161,3 +161,15 @@ def test_a_part_of_a_model_is_named_as_one(tmp_path: Path) -> None:
         path.write_text(f"<{root}><actuator/></{root}>")
         with pytest.raises(TaskError, match=r"a part that other files include: give the whole"):
             load_spec(path)
+
+
+def test_joints_without_names_go_by_their_bodies(tmp_path: Path) -> None:
+    """A base that floats has none in most models; what has a name keeps it."""
+    path = tmp_path / "robot.xml"
+    leg = '<body><joint/><geom size="0.1"/><body name="foot"><joint name="trunk"/><geom size="1"/>'
+    path.write_text(
+        '<mujoco><worldbody><body name="base"><freejoint/><geom size="0.1"/>'
+        f"{leg}</body></body></body></worldbody></mujoco>"
+    )
+    model = load_spec(path).compile()
+    assert [model.joint(i).name for i in range(model.njnt)] == ["base", "joint1", "trunk"]

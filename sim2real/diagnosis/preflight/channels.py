@@ -233,9 +233,9 @@ def _ranges(model: mujoco.MjModel) -> dict[str, float]:
         if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE and model.jnt_limited[i]:
             found[model.joint(i).name] = float(np.abs(model.jnt_range[i]).max())
     for i in range(model.nu):
-        joint = model.joint(int(model.actuator_trnid[i, 0]))
         if model.actuator_trntype[i] != mujoco.mjtTrn.mjTRN_JOINT or not is_joint_servo(model, i):
             continue
+        joint = model.joint(int(model.actuator_trnid[i, 0]))
         if joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE:
             limited = bool(model.actuator_ctrllimited[i])
             reach = float(np.abs(model.actuator_ctrlrange[i]).max()) if limited else 2 * np.pi

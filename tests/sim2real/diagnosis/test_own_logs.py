@@ -77,6 +77,21 @@ MODELS: dict[str, tuple[dict[str, str], float]] = {  # parts of the arm, size of
         {"options": '<option timestep="0.02"/>', "actuators": '<motor joint="a"/>'},
         0.5,
     ),
+    "push at a site": (  # whose number is that of no joint
+        {
+            "more": '<site name="s"/><site name="m"/><site name="tip" pos="0 0 -.2"/>',
+            "actuators": '<general site="tip" gear="1 0 0 0 0 0"/>',
+        },
+        0.2,
+    ),
+    "slide that stays, among hinges": (
+        {
+            "rest": '<worldbody><body pos="1 0 0"><joint name="b" type="slide" axis="1 0 0" '
+            'damping="500"/><geom size=".05" mass="5"/></body></worldbody>',
+            "actuators": f'{SERVO}<motor name="b" joint="b" gear="0.1"/>',
+        },
+        0.5,
+    ),
     "keyframe": ({"rest": '<keyframe><key name="home" qpos="0.4" ctrl="0.4"/></keyframe>'}, 0.6),
     "mesh that is not there": (
         {
