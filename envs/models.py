@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
+import numpy as np
 import yaml
 
 from envs.errors import TaskError, did_you_mean
@@ -41,6 +42,10 @@ KEYS = (
 )
 FREE, BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 WIDTH = {FREE: (7, 6), BALL: (4, 3)}  # numbers in qpos and qvel of a joint; else 1 and 1
+MARKER = 1e-5  # kg: a link that weighs less is a frame, whatever its inertia says
+FLAT = 1e-4  # of a body's largest moment of inertia: the least, such as that of a rod about itself
+NO_INERTIA = 1e-15  # kg·m²
+PRODUCTS = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
 COMPILER = {"fusestatic": "false", "discardvisual": "true", "balanceinertia": "true"}
 
 
@@ -144,6 +149,7 @@ def _urdf(path: Path) -> mujoco.MjSpec:
         raise TaskError(f"{path}: a URDF's root is <robot>, this file's is <{root.tag}>")
     _check_links(root, path, text)
     for link in root.iter("link"):
+        _round_inertia(link, path, text)
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             mesh = shape.find("geometry/mesh")
             if shape.tag == "visual" or (mesh is not None and not _mesh(path, mesh)):
@@ -176,6 +182,40 @@ def _check_links(root: ElementTree.Element, path: Path, text: str) -> None:
                     f"{path}{line}: the joint {joint.get('name')!r} has the {end} {name!r}, which "
                     f"is no link{did_you_mean(name, links)}; add <link name={name!r}/>"
                 )
+
+
+def _round_inertia(link: ElementTree.Element, path: Path, text: str) -> None:
+    """Give a link's inertia moments that are positive, where rounding or a placeholder left none.
+
+    Raises:
+        TaskError: the inertia of something heavier that no body can have.
+    """
+    inertia, mass = link.find("inertial/inertia"), link.find("inertial/mass")
+    if inertia is None or mass is None:
+        return
+    matrix = np.zeros((3, 3))
+    try:
+        for axes, (row, column) in PRODUCTS.items():
+            matrix[row, column] = matrix[column, row] = float(inertia.get(f"i{axes}", 0))
+        weight = float(mass.get("value", 0))
+    except ValueError:
+        return  # the engine says which
+    moments, turned = np.linalg.eigh(matrix)
+    least = FLAT * float(np.abs(moments).max())
+    if moments[0] > 0:
+        return
+    none = float(np.abs(moments).max()) < NO_INERTIA
+    if moments[0] < -least and weight > MARKER and not none:
+        name = link.get("name", "")
+        line = _line(text, rf"<link\s[^>]*name\s*=\s*[\"']{re.escape(name)}[\"']")
+        raise TaskError(
+            f"{path}{line}: no body has the inertia of the link {name!r}: its principal moments "
+            f"are {', '.join(f'{m:.3g}' for m in moments)} kg·m², and all must be positive; look "
+            "for a wrong sign, or for products (ixy, ixz, iyz) about another point"
+        )
+    own = turned @ np.diag(np.maximum(moments, least) * (not none)) @ turned.T
+    for axes, place in PRODUCTS.items():
+        inertia.set(f"i{axes}", repr(float(own[place])))
 
 
 def _line(text: str, pattern: str) -> str:

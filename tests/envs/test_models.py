@@ -173,3 +173,29 @@ def test_joints_without_names_go_by_their_bodies(tmp_path: Path) -> None:
     )
     model = load_spec(path).compile()
     assert [model.joint(i).name for i in range(model.njnt)] == ["base", "joint1", "trunk"]
+
+
+@pytest.mark.parametrize(
+    ("mass", "inertia", "moments"),
+    [
+        ("0.03", 'ixx="0.00012" iyy="0.00012" izz="0.00000"', [1.2e-4, 1.2e-4, 1.2e-8]),
+        ("1e-6", " ".join(f'i{a}="1e-6"' for a in ("xx", "xy", "xz", "yy", "yz", "zz")), None),
+        ("0.03", 'ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="2e-4"', "principal moments are -0.0001,"),
+    ],
+    ids=["rounded away", "a frame", "a wrong sign"],
+)
+def test_an_inertia_that_is_not_positive(
+    tmp_path: Path, mass: str, inertia: str, moments: list | str | None
+) -> None:
+    """Rounded or a placeholder's it is made positive; that of no body is named with its line."""
+    path = urdf(tmp_path, "shoulder: {kp: 20.0}")
+    link = f'<inertial><mass value="{mass}"/><inertia {inertia}/></inertial></link>'
+    text = URDF.replace('<link name="base"/>', f'<link name="base">{link}')
+    path.write_text(text)
+    if isinstance(moments, str):
+        with pytest.raises(TaskError, match=rf"arm.urdf, line 2: .*link 'base'.*{moments}"):
+            load_spec(path)
+        return
+    found = load_spec(path).compile().body("base").inertia
+    assert (found > 0).all()
+    assert moments is None or sorted(found) == pytest.approx(sorted(moments))

@@ -1,7 +1,7 @@
 """Models of many constructs, each diagnosed against its own log: there is no gap.
 
-`SIM2REAL_MODELS` names a folder of further models (a zoo of MJCF files); those whose actuators act
-on hinges and slides are asked as well.
+`SIM2REAL_MODELS` names a folder of further models (a zoo of MJCF and URDF files), which are asked
+as well.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.diagnosis.own_log import COUNT, own_log
 
 ZOO = os.environ.get("SIM2REAL_MODELS")
+SCALAR = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
+PART = 0.1  # of a range that commands of a zoo's models go to either side
 ARM = """<mujoco>{options}<worldbody>
 <body name="upper"><joint name="a" axis="0 1 0" armature="0.01" damping="0.1" {joint}/>
 <geom type="capsule" fromto="0 0 0 0 0 -.2" size=".02" mass="0.3"/>{more}</body>
@@ -151,21 +153,27 @@ def test_a_body_centred_on_its_joint_can_be_loaded(tmp_path: Path) -> None:
 
 
 def zoo() -> list[Path]:
-    """Return the models of the zoo."""
-    return sorted(Path(ZOO).rglob("*.xml")) if ZOO else []
+    """Return the models of the zoo, and what else is written as they are."""
+    return sorted(p for end in ("xml", "urdf") for p in Path(ZOO).rglob(f"*.{end}")) if ZOO else []
+
+
+def sizes(model: mujoco.MjModel) -> np.ndarray:
+    """Return how far each actuator's command goes from its middle, (nu,): a part of its range."""
+    span = np.ptp(model.actuator_ctrlrange, axis=1)
+    return PART * np.where(model.actuator_ctrllimited, span, 1.0)
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(3600)
 @pytest.mark.skipif(not ZOO, reason="SIM2REAL_MODELS names no folder of models")
-@pytest.mark.parametrize("path", zoo(), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", zoo(), ids=str)
 def test_every_model_of_a_zoo_agrees_with_its_own_log(path: Path) -> None:
-    """Where all actuators act on hinges and slides, with commands of a part of their range."""
-    model = load_spec(path).compile()
-    scalar = model.jnt_type[model.actuator_trnid[:, 0]] >= int(mujoco.mjtJoint.mjJNT_SLIDE)
-    on_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
-    if not model.nu or not (on_joint & scalar).all() or model.nq != model.njnt:
-        pytest.skip("no model of hinges and slides that actuators drive")
-    limits = model.actuator_ctrlrange[model.actuator_ctrllimited.astype(bool)]
-    size = 0.2 * float(np.abs(limits).max(axis=1).min()) if len(limits) else 0.2
-    assert diagnose(own_log(path, size), path).verdict == "no_gap"
+    """Or is refused in a sentence, which `pytest -rs` shows: parts of models, and loose bases."""
+    try:
+        model = load_spec(path).compile()
+        if not model.nu or not np.isin(model.jnt_type, SCALAR).any():
+            pytest.skip("no actuator, or no hinge and no slide")
+        found = diagnose(own_log(path, sizes(model)), path)
+    except (ValueError, Sim2RealError) as refused:
+        pytest.skip(" ".join(str(refused).split()))
+    assert found.verdict == "no_gap"
