@@ -45,7 +45,10 @@ COMMANDS: dict[str, tuple[str, ...]] = {  # by verb, and what of it is meant
         *("-m", *TRAIN, "collector=fast", "seed=0,1"),
         *("hydra/launcher=joblib", "hydra.launcher.n_jobs=2"),
     ),
-    "evaluate": ("run=evaluate", POLICY, "eval.episodes=1"),
+    "evaluate": (
+        *("run=evaluate", "checkpoint=hopper", "eval=grid_hopper", "eval.grid.axes.0.count=2"),
+        *("eval.grid.axes.1.count=2", "eval.adaptations=2", "eval.episodes=1"),
+    ),
     "export": ("run=export", POLICY),
     "record": ("run=record", BENCH, "seconds=2"),
     "record leader": (
@@ -139,9 +142,10 @@ def ended(started: subprocess.Popen[str], patience: float = PATIENCE) -> tuple[s
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a policy, a recording, a deployment, causes and evaluated runs."""
+    """A folder with two policies, a recording, a deployment, causes and evaluated runs."""
     path = tmp_path_factory.mktemp("commands")
     train(path / "run", SMALL_ES)
+    train(path / "hopper", ["+experiment=smoke", "eval=none", "algorithm.shards=1", "iterations=1"])
     (path / "effects.yaml").write_text(
         yaml.safe_dump([{"effect": "motor_strength", "where": "hinge", "value": 0.5}])
     )
