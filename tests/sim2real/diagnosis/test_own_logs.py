@@ -16,6 +16,7 @@ import pytest
 from envs.effects import make
 from envs.models import load_spec
 from envs.plant import Plant
+from hardware.log import read_log
 from sim2real.diagnosis.data.replay import measure
 from sim2real.diagnosis.diagnose import diagnose
 from sim2real.runs.errors import Sim2RealError
@@ -122,6 +123,23 @@ def test_a_models_own_log_has_no_gap(name: str, tmp_path: Path) -> None:
     errors = measure(log, load_spec(path)).errors()
     assert max(error["rmse"] for error in errors.values()) < COUNT
     assert diagnose(log, path).verdict == "no_gap"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("every", [2, 3])
+def test_readings_that_come_less_often_than_commands_have_no_gap(
+    every: int, tmp_path: Path
+) -> None:
+    """Rows between them count in no comparison, and nothing between readings is taken for one."""
+    path = write(tmp_path, {})
+    log = own_log(path, 0.8)
+    lines = ["episode,time,ctrl.a,qpos.a"]
+    for row, (time, sent, read) in enumerate(
+        zip(log.time, log.column("ctrl.a"), log.column("qpos.a"), strict=True)
+    ):
+        lines.append(f"0,{time},{sent},{read if row % every == 0 else ''}")
+    (tmp_path / "log.csv").write_text("\n".join(lines) + "\n")
+    assert diagnose(read_log(tmp_path / "log.csv"), path).verdict == "no_gap"
 
 
 @pytest.mark.parametrize(
