@@ -13,7 +13,7 @@ from pathlib import Path
 
 import mujoco
 
-from envs.errors import EnvsError
+from envs.errors import EnvsError, TaskError
 
 ROW = 140_000  # bytes of one MjData without its buffer: measured, 139,600 to 167,000 on four robots
 MEMINFO, STATM = Path("/proc/meminfo"), Path("/proc/self/statm")
@@ -95,3 +95,19 @@ def format_bytes(size: float) -> str:
     while size >= 1000 and unit < len(UNITS) - 1:
         size, unit = size / 1000, unit + 1
     return f"{size:.3g} {UNITS[unit]}"
+
+
+def share_memory(model: mujoco.MjModel) -> None:
+    """Let simulations of a model take turns in one memory: none of its bodies sleeps.
+
+    Sleeping saves time and remembers more than the state (MuJoCo, "Sleeping islands").
+
+    Raises:
+        TaskError: a model with the other method that does, incremental potential contact.
+    """
+    model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+    if model.opt.enableflags & int(mujoco.mjtEnableBit.mjENBL_IPC):
+        raise TaskError(
+            'the model has <flag ipc="enable"/>, whose contacts remember more than the state: '
+            "leave it out"
+        )

@@ -39,7 +39,7 @@ from envs.effects.history import CommandHistory
 from envs.effects.layout import Layout, edited
 from envs.effects.registry import refuse_elsewhere
 from envs.errors import EffectError, TaskError
-from envs.memory import check_memory, row_bytes
+from envs.memory import check_memory, row_bytes, share_memory
 from envs.params import ParamSpace
 from envs.physics import Engine, make_physics
 from envs.physics.arrays import Array
@@ -111,6 +111,8 @@ class Plant:
             )
         self.nominal = spec.copy().compile() if nominal is None else nominal
         self.model, keep = edited(spec, self.nominal, every)
+        if not persistent:
+            share_memory(self.model)
         warn_of_sparse_fault(self.model)
         self.effects = tuple(effects)
         own = [effect.parameters(self.model) for effect in every]

@@ -43,13 +43,13 @@ import numpy as np
 from hardware.errors import LogError, did_you_mean, format_names
 from hardware.files import atomic_write
 from hardware.formats import csv_file, find, parquet
-from hardware.formats.names import ACTUATOR_KINDS, JOINT_KINDS, REQUIRED
+from hardware.formats.names import ACTUATOR_KINDS, JOINT_KINDS, READING, REQUIRED
+from hardware.formats.rates import FRESH
 from hardware.formats.registry import known, refuse
 from hardware.formats.repair import repair
 
 _logger = logging.getLogger(__name__)
 MOTIONS = ("ctrl", "qpos", "qvel")
-READING = "reading"  # metadata: the reader's repairs, in sentences
 LARGEST = 1e9  # of these, in any unit that a robot may have
 
 
@@ -90,6 +90,11 @@ class Log:
     def time(self) -> np.ndarray:
         """Seconds from the episode's start, (T,)."""
         return self.columns["time"]
+
+    @property
+    def fresh(self) -> np.ndarray:
+        """In which rows all joints were read, (T,) bool: `flag.fresh`; all rows without it."""
+        return self.columns.get(FRESH, np.ones(len(self))) > 0
 
     @property
     def actuators(self) -> list[str]:
@@ -158,9 +163,10 @@ def read_log(path: str | Path) -> Log:
         raise refuse(path)
     columns, meta = format.read(path)
     line = csv_file.FIRST_LINE if format.read is csv_file.read_log else None
-    columns, notes = repair(columns, str(path), line)
-    for note in notes:
+    columns, mended = repair(columns, str(path), line)
+    for note in mended:
         _logger.warning("%s: %s", path, note)
+    notes = [*meta.get(READING, ()), *mended]
     return Log(columns, {**meta, **({READING: notes} if notes else {})}, path)
 
 

@@ -81,6 +81,11 @@ def joint_driven(model: mujoco.MjModel, actuator: int) -> bool:
     return int(model.actuator_trntype[actuator]) in [int(k) for k in kinds]
 
 
+def driven_joints(model: mujoco.MjModel) -> set[int]:
+    """Return the joints that actuators act on; others act on tendons, sites and bodies."""
+    return {int(model.actuator_trnid[i, 0]) for i in range(model.nu) if joint_driven(model, i)}
+
+
 def spaced(index: np.ndarray | slice) -> np.ndarray | slice:
     """Return rising numbers (n,) that are evenly spaced as a slice, others as they are."""
     if isinstance(index, slice) or not len(index):

@@ -33,7 +33,7 @@ from envs.replay.engine import (
     simulate,
 )
 from envs.replay.impedance import with_impedance, without_impedance
-from envs.replay.recording import Recording, Schedule, schedule, switchable
+from envs.replay.recording import Recording, Schedule, groups, schedule, switchable
 from envs.replay.rollout import rollout
 
 __all__ = [
@@ -42,6 +42,7 @@ __all__ = [
     "Motion",
     "Recording",
     "Schedule",
+    "groups",
     "interpolate",
     "readings",
     "replay",

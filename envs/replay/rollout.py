@@ -18,6 +18,7 @@ from envs.effects.bound import Measurement
 from envs.plant import Plant
 from envs.quiet import quiet_engine
 from envs.replay.impedance import ImpedanceGains
+from envs.replay.recording import groups
 
 
 def rollout(
@@ -74,7 +75,7 @@ class _Power:
             return
         changes = (np.diff(off, axis=1) != 0).any(axis=0)
         self.cuts = np.concatenate([[0], np.flatnonzero(changes) + 1])  # steps where any switches
-        self._bits = 1 << np.arange(plant.model.nu)
+        self._bits = 1 << groups(plant.model.nu)
         self._mask = plant.batch.expand("opt.disableactuator").reshape(plant.num_rows)
         self._full = plant.field("actuator_damping").copy()  # (N, nu)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 REQUIRED = ("episode", "time")
+READING = "reading"  # metadata: what the reader mended, in sentences
 IMPEDANCE_KINDS = ("kp", "kd", "qvel_des", "torque_ff")  # of a joint under impedance control
 ACTUATOR_KINDS = ("ctrl", "torque", "current", "voltage", "temperature", *IMPEDANCE_KINDS)
 JOINT_KINDS = ("qpos", "qvel", "stamp")

@@ -14,8 +14,8 @@ from envs.errors import did_you_mean
 from sim2real.config.arguments import PATHS
 from sim2real.config.targets import ConfigError
 
-# convert writes the first of these, and the second may be the name of a ready-made description
-READ = tuple(key for key in PATHS if key not in ("columns", "observation"))
+# convert writes the first of these; the others may be names, of a description and of a robot
+READ = tuple(key for key in PATHS if key not in ("columns", "observation", "leader"))
 NAMES = ("candidates",)  # of these a list holds names, and no paths
 NEEDED = {  # by verb, what it cannot do without
     "diagnose": "log",

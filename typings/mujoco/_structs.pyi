@@ -240,6 +240,7 @@ class MjData:
 class MjOption:
     disableactuator: _Int
     disableflags: _Int
+    enableflags: _Int
     gravity: _Floats
     integrator: _Int
     iterations: _Int

@@ -80,7 +80,8 @@ def _noise(logs: Sequence[Log], settings: Settings) -> list[Finding]:
     """Joints whose readings scatter by more than their counts."""
     found, limits = [], settings.checks
     for joint, floor in noise_floor(logs, settings).items():
-        values = [log.column(f"qpos.{joint}") for log in logs if f"qpos.{joint}" in log.columns]
+        column = f"qpos.{joint}"
+        values = [log.column(column)[log.fresh] for log in logs if column in log.columns]
         least = rounding(step_of(np.concatenate(values), settings.encoder))
         if floor > limits.noise * max(least, limits.rounding_min):
             found.append(

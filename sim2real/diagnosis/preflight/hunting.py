@@ -130,7 +130,7 @@ def _each(
     log: Log, angle: np.ndarray, actuator: str, joint: str, settings: Limits
 ) -> Iterator[tuple[slice, list[Hunt]]]:
     """Yield the rows of each episode, and where an angle hunts in them, its servo on."""
-    least = settings.counts * step_of(log.column(f"qpos.{joint}"))
+    least = settings.counts * step_of(log.column(f"qpos.{joint}")[log.fresh])
     command, start = log.column(f"ctrl.{actuator}"), 0
     others = [log.column(f"ctrl.{name}") for name in log.actuators if name != actuator]
     off = log.columns.get(f"torque.{actuator}", np.ones(len(log))) <= 0

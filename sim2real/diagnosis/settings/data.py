@@ -102,9 +102,6 @@ class Dataset:
         3.0, "1", "encoder counts below which a joint did not move", JUDGED
     )
     count_min: float = setting(1e-4, "rad", "an encoder count is taken as at least this", JUDGED)
-    scale_min: float = setting(
-        1e-6, "rad", "least spread that errors of mixed robots are divided by", JUDGED
-    )
     seconds_min: float = setting(
         1.0, "s", "recordings needed in all", "derived: a block of a second for an interval"
     )
