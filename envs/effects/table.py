@@ -41,7 +41,7 @@ plant = Plant(spec, fixed=load_effects("effects.yaml"))             # as a diagn
 * **how** a value changes the model: `add`, `scale` or `set`. The first one listed is the default,
   and the one that `effects.yaml` uses.
 * **neutral** values (0 added, factor 1, the model's own) leave a plant bit for bit as it is without
-  the effect; `backlash` and `joint_compliance`, which add a joint, to 1e-7 rad. Give a plant
+  the effect; `backlash` and `joint_compliance`, which add a joint, to rounding. Give a plant
   only the effects that you need: with a substep rule the engine is called once per substep.
 * **extras** are constants given as arguments, or parameters of their own if listed in `free`. A
   `Draw` has one range for all parameters of its effect, so leave them constant there.
