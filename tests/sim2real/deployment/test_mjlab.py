@@ -1,0 +1,119 @@
+"""Effects as terms of mjlab: they set what the plant has, and the rest is refused by name."""
+
+from __future__ import annotations
+
+import ast
+import re
+import runpy
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from envs.effects import make
+from envs.models import load_spec
+from envs.plant import Fixed, Plant
+from envs.tasks.servo.base import ASSETS
+from sim2real.deployment.mjlab import event_terms
+from sim2real.runs.errors import Sim2RealError
+
+BENCH = ASSETS / "bench1.xml"
+SAID: list[Fixed] = [
+    (make("coulomb_friction", where="hinge"), (0.03,)),
+    (make("viscous_friction", where="hinge"), (0.01,)),
+    (make("armature", where="hinge"), (0.002,)),
+    (make("position_gain", where="hinge"), (0.8,)),
+    (make("torque_limit", where="hinge"), (0.3,)),
+    (make("link_mass", where="arm"), (0.05,)),
+    (make("encoder_offset", where="hinge"), (0.02,)),
+]
+FIELDS = {
+    "joint_friction": "dof_frictionloss",
+    "joint_damping": "dof_damping",
+    "joint_armature": "dof_armature",
+    "body_mass": "body_mass",
+}
+
+
+def terms(text: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """Return what a module of terms says, read with stand-ins for mjlab's classes."""
+    for name in ("envs", "envs.mdp", "managers", "managers.event_manager"):
+        monkeypatch.setitem(sys.modules, f"mjlab.{name}", ModuleType(name))
+    mdp, manager = (sys.modules[f"mjlab.{n}"] for n in ("envs.mdp", "managers.event_manager"))
+    config = ModuleType("config")
+    monkeypatch.setitem(sys.modules, "mjlab", ModuleType("mjlab"))
+    monkeypatch.setitem(sys.modules, "mjlab.managers.scene_entity_config", config)
+    mdp.dr = SimpleNamespace(  # type: ignore[attr-defined]
+        **{n: n for n in (*FIELDS, "pd_gains", "effort_limits", "encoder_bias")}
+    )
+    manager.EventTermCfg = SimpleNamespace  # type: ignore[attr-defined]
+    config.SceneEntityCfg = lambda name, **chosen: (name, chosen)  # type: ignore[attr-defined]
+    (folder / "events.py").write_text(text)
+    return runpy.run_path(str(folder / "events.py"))["events"]("robot")
+
+
+def test_terms_set_what_the_plant_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each value is the one of the plant's field, at its place."""
+    spec = load_spec(BENCH)
+    found = terms(event_terms(spec, SAID, "bench1.xml"), tmp_path, monkeypatch)
+    plant = Plant(spec, fixed=SAID)
+    row = np.zeros(1, int)
+    for function, field in FIELDS.items():
+        term = found[f"{function}.{'arm' if field == 'body_mass' else 'hinge'}"]
+        place = plant.nominal.body("arm").id if field == "body_mass" else 0
+        value = plant.field_values(field, row)[0][place]
+        assert term.params["ranges"] == pytest.approx((value, value), rel=1e-8)
+        assert term.params["operation"] == "abs" and term.mode == "startup"
+    gains, limit = found["pd_gains.hinge"].params, found["effort_limits.hinge"].params
+    assert gains["kp_range"][0] == pytest.approx(0.8 * plant.nominal.actuator_gainprm[0, 0])
+    assert gains["kd_range"][0] == pytest.approx(-plant.nominal.actuator_biasprm[0, 2])
+    assert limit["effort_limit_range"] == (0.3, 0.3)
+    assert found["encoder_bias.hinge"].params["bias_range"] == (0.02, 0.02)
+    assert found["body_mass.arm"].params["asset_cfg"] == ("robot", {"body_names": ("arm",)})
+    assert len(found) == len(SAID)
+
+
+def test_vectors_name_their_axes() -> None:
+    """A sliding friction leaves torsion and rolling as they are."""
+    spec = load_spec(ASSETS / "quad8.xml")
+    text = event_terms(spec, [(make("ground_friction"), (0.7,))])
+    model = spec.copy().compile()
+    found = [t for t in re.findall(r'"ranges": ({.*})', text)]
+    assert found and len(found) == len(re.findall("geom_friction", text)) / 2
+    for one in found:
+        axes = ast.literal_eval(one)
+        assert axes[0] == (0.7, 0.7)
+        assert any(axes[1][0] == pytest.approx(f) for f in model.geom_friction[:, 1])
+
+
+@pytest.mark.parametrize(
+    ("name", "where", "value", "reason"),
+    [
+        ("backlash", "hinge", 0.03, "it adds a joint, which to=mjcf does"),
+        ("stribeck_friction", "hinge", 0.02, "MJCF has no friction that depends on the speed"),
+        ("command_delay", None, 0.01, "no term sets actuator_delay"),
+        ("payload", "arm", 0.1, "no term sets .*body_inertia"),
+        ("sensor_noise", "hinge", 0.01, "it changes what is read"),
+    ],
+)
+def test_what_no_term_says_is_refused_by_name(
+    name: str, where: str | None, value: float, reason: str
+) -> None:
+    """All of the refused are named, with the reason."""
+    effects = [*SAID, (make(name, where=where), (value,)), (make("gravity_tilt"), (0.1, 0.0))]
+    label = name if where is None else rf"{name}\.{where}"
+    with pytest.raises(Sim2RealError, match=rf"mjlab cannot say {label} \({reason}.*gravity_tilt"):
+        event_terms(load_spec(BENCH), effects)
+
+
+def test_an_actuator_without_a_limit_is_refused() -> None:
+    """A range that the engine ignores is no limit."""
+    spec = load_spec(BENCH)
+    for actuator in spec.actuators:
+        actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_FALSE
+    with pytest.raises(Sim2RealError, match="no forcerange that a term could set"):
+        event_terms(spec, [(make("torque_limit", where="hinge"), (0.3,))])
