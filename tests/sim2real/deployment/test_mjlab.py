@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import ast
+import json
+import os
 import re
 import runpy
+import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -117,3 +120,51 @@ def test_an_actuator_without_a_limit_is_refused() -> None:
         actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_FALSE
     with pytest.raises(Sim2RealError, match="no forcerange that a term could set"):
         event_terms(spec, [(make("torque_limit", where="hinge"), (0.3,))])
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize(
+    ("robot", "effects"),
+    [
+        (
+            "arm2",
+            [
+                *[("coulomb_friction", "elbow", 0.03), ("viscous_friction", "shoulder", 0.002)],
+                *[("position_gain", "elbow", 0.8), ("torque_limit", "shoulder", 0.3)],
+                *[("link_mass", "forearm", 0.02), ("encoder_offset", "elbow", 0.02)],
+            ],
+        ),
+        ("quad8", [("ground_friction", None, 0.7), ("armature", "knee_fr", 0.001)]),
+    ],
+)
+def test_mjlab_has_what_the_plant_has(
+    robot: str, effects: list[tuple[str, str | None, float]], tmp_path: Path
+) -> None:
+    """In mjlab's own environment, on its MuJoCo: every field of every element, by its name."""
+    own = Path(os.environ.get("SIM2REAL_MJLAB", Path(sys.prefix, "mjlab", "bin", "python")))
+    if not own.is_file():
+        pytest.skip("mjlab has no environment here: make test-long makes one")
+    spec = load_spec(ASSETS / f"{robot}.xml")
+    fixed = [(make(name, where=where), (value,)) for name, where, value in effects]
+    (tmp_path / "events.py").write_text(event_terms(spec, fixed))
+    script = Path(__file__).with_name("mjlab_fields.py")
+    command = [str(own), str(script), str(ASSETS / f"{robot}.xml"), str(tmp_path / "events.py")]
+    clean = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    done = subprocess.run(command, capture_output=True, text=True, env=clean, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    there = json.loads(done.stdout.splitlines()[-1])
+    plant = Plant(spec, fixed=fixed)
+    biases = {str(e.where): values[0] for e, values in fixed if e.name == "encoder_offset"}
+    for field, values in there.items():
+        kind = "joint" if field.startswith(("dof", "encoder")) else field.split("_")[0]
+        for name, value in values.items():
+            if not name:
+                continue
+            element = getattr(plant.nominal, kind)(name)
+            place = element.dofadr[0] if field.startswith("dof") else element.id
+            if field == "encoder_bias":
+                wanted = biases.get(name, 0.0)
+            else:
+                wanted = plant.field_values(field, np.zeros(1, int))[0][place]
+            assert value == pytest.approx(wanted, rel=1e-6), (field, name)
