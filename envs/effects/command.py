@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import mujoco
 import numpy as np
@@ -20,6 +20,7 @@ from envs.effects.servo import ActuatorEffect, is_joint_servo
 from envs.errors import EffectError
 from envs.noise import uniform
 from envs.params import Parameter
+from envs.physics.arrays import Array
 
 NO_LIMIT = 1e6  # rad/s or rad/s²: a profile without this limit (parameters are finite numbers)
 LINEAR = 1  # the engine's number for linear interpolation of a delay line
@@ -81,27 +82,26 @@ class _Loss(CommandRule):
     order = 10
 
     def __init__(self, plant: PlantView, label: str) -> None:
-        self.value, self.held = np.zeros(plant.num_rows), np.zeros((plant.num_rows, plant.model.nu))
-        self.count, self.seeds = (
-            np.zeros(plant.num_rows, np.int64),
-            np.zeros(plant.num_rows, np.uint64),
-        )
+        self.arrays, n = plant.arrays, plant.num_rows
+        zeros = self.arrays.zeros
+        self.value, self.held = zeros((n, 1)), zeros((n, plant.model.nu))
+        self.count, self.seeds = zeros(n, np.int64), zeros(n, np.uint64)
         self.stream = stream(label)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
-        self.value[ids] = values[:, 0]
+        self.value[self.arrays.rows(ids)] = self.arrays.own(values[:, :1])
 
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
-        self.count[ids], self.seeds[ids] = 0, seeds
+        rows = self.arrays.rows(ids)
+        self.count[rows], self.seeds[rows] = 0, self.arrays.own(np.asarray(seeds, np.uint64))
 
     def on_episode_start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
-        self.held[ids] = ctrl
+        self.held[self.arrays.rows(ids)] = self.arrays.own(ctrl)
 
-    def command(self, ids: np.ndarray | slice, ctrl: np.ndarray) -> None:
-        lost = (
-            uniform(self.seeds[ids], self.stream + self.count[ids], 1) < self.value[ids][:, None]
-        )  # (n, 1)
-        ctrl[:] = np.where(lost, self.held[ids], ctrl)
+    def command(self, ids: Any, ctrl: Array) -> None:
+        xp, streams = self.arrays.xp, self.stream + self.count[ids]
+        lost = uniform(self.seeds[ids], streams, 1, xp) < self.value[ids]  # (n, 1)
+        ctrl[:] = xp.where(lost, self.held[ids], ctrl)
         self.held[ids] = ctrl
         self.count[ids] += 1
 
@@ -110,6 +110,7 @@ class PacketLoss(Effect):
     """The probability that a control step's command is lost; all servos hold the one before."""
 
     name = "packet_loss"
+    engines = BOTH
     place = "robot"
     unit = ""
     typical = (0.0, 0.1)

@@ -100,10 +100,14 @@ class LinkSide(SubstepRule):
 
     def __init__(self, series: Series, servos: list[int]) -> None:
         self._series, self._servos = series, servos
-        self._bias = series.plant.live("actuator_biasprm")
-        self._gear = series.plant.model.actuator_gear[:, 0]
+        series.plant.live("actuator_biasprm")
+        self._gear = [float(gear) for gear in series.plant.model.actuator_gear[:, 0]]
 
-    def before_substep(self, ids: np.ndarray | slice) -> None:
+    def prepare(self, ids: np.ndarray | slice) -> None:
+        """Find the laws in the engine."""
+        self._bias = self._series.plant.now("actuator_biasprm")
+
+    def before_substep(self, ids: Any) -> None:
         """Shift the laws by where the joint is now."""
         layout = self._series.plant.layout
         p, speed = layout.raw_qpos[ids, self._series.q], layout.raw_qvel[ids, self._series.v]
