@@ -101,6 +101,8 @@ ONE = {  # where an effect acts on quad8, and three values of its parameters
     "packet_loss": (None, [0.0, 0.3, 0.6]),
     "payload": ("shank_fl", [0.0, 0.02, 0.05]),
     "position_gain": ("hip_fl", [1.0, 0.8, 1.2]),
+    "profile_acceleration": ("hip_fl", [10.0, 100.0, 1e6]),
+    "profile_velocity": ("hip_fl", [1.0, 5.0, 1e6]),
     "quantization": (None, [0.0, 0.002, 0.01]),
     "restitution": (None, [0.1, 0.3, 0.6]),
     "sensor_noise": (None, [0.0, 0.002, 0.01]),
