@@ -17,7 +17,7 @@ run: setup
 test: setup
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
-test-long: setup $(VENV)/.engines $(VENV)/.gpu
+test-long: setup $(VENV)/.engines $(VENV)/.gpu $(VENV)/.spread $(VENV)/.mjlab
 	SIM2REAL_GPU_EXTRA=1 $(BIN)/python -m pytest -m slow
 
 # The default suite, each branch counted; pyproject.toml says of what.
@@ -67,6 +67,17 @@ $(VENV)/.engines: $(VENV)/.installed
 # MuJoCo Warp, whose CPU device the tests use; its kernels' cache is in $(VENV), too.
 $(VENV)/.gpu: $(VENV)/.installed
 	$(PIP) --editable '.[dev,gpu]'
+	@touch $@
+
+# Ray, Hydra's launcher for Slurm, and a library of other worlds.
+$(VENV)/.spread: $(VENV)/.installed
+	$(PIP) --editable '.[dev,ray,submitit,worlds]'
+	@touch $@
+
+# mjlab asks for another MuJoCo: an environment of its own, in which a test loads what is exported to it.
+$(VENV)/.mjlab: $(VENV)/.installed
+	$(PYTHON) -m venv $(VENV)/mjlab
+	$(VENV)/mjlab/bin/python -m pip install --quiet --disable-pip-version-check $(TORCH) mjlab==1.6.0
 	@touch $@
 
 $(VENV)/.bench: $(VENV)/.installed

@@ -136,7 +136,7 @@ class Plant:
         self.qpos, self.qvel = self.layout.qpos, self.layout.qvel
         # live values of the fields that effects write, (N, ...)
         self._fields: dict[str, np.ndarray] = {}
-        self._substeps = Substeps(num_rows)
+        self._substeps = Substeps(num_rows, self.physics)
         self._shared: dict[str, Any] = {}  # mechanisms that several effects are parts of
         self._bound = [effect.bind(self) for effect in every]
         ends = np.cumsum([len(parameters) for parameters in drawn], dtype=int)
@@ -200,6 +200,10 @@ class Plant:
     def live(self, name: str) -> np.ndarray:
         """Return the same for a substep rule to change; each substep starts as `write` left it."""
         return self._substeps.live(name, self.field(name))
+
+    def now(self, name: str) -> Array:
+        """Return a live field in the engine, (N, ...), for rules that are prepared or act."""
+        return self._substeps.now(name)
 
     def override_field(self, name: str, ids: np.ndarray, values: np.ndarray) -> None:
         """Let a field that was given out be values (n, ...) in the rows ids, from now on.

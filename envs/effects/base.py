@@ -84,7 +84,7 @@ class Effect:
 
     # For the simulator.
     law: ClassVar[type[Any]]  # what acts on a plant, made of plant and effect; see `bind`
-    engines: ClassVar[tuple[Engine, ...]] = ("batch",)  # that have it; see `works_on`
+    engines: ClassVar[tuple[Engine, ...]] = ("batch",)  # that have it
     constants: ClassVar[bool] = False  # whether the model's derived constants depend on it
     moves_mass: ClassVar[bool] = False  # whether it moves a centre of mass or turns principal axes
     composes: ClassVar[bool] = False  # whether it may stand twice at a place, added or multiplied
@@ -206,10 +206,6 @@ class Effect:
         if name in free:
             return values[:, values.shape[1] - len(free) + free.index(name)]
         return np.full(len(values), self.extra[name])
-
-    def works_on(self, engine: Engine) -> bool:
-        """Return whether an engine has the effect; a loop closed behind a joint needs the batch."""
-        return engine in self.engines and (engine == "batch" or self.side != "link")
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add to the model's structure what the effect needs."""

@@ -58,6 +58,10 @@ class PlantView(Protocol):
         """Return the same for a substep rule to change; each substep starts as `write` left it."""
         ...
 
+    def now(self, name: str) -> Array:
+        """Return a live field in the engine, (N, ...), for rules that are prepared or act."""
+        ...
+
     def shared_mechanism(self, name: str, make: Callable[[], T]) -> T:
         """Return the mechanism of that name, made once for all the effects that are parts of it."""
         ...

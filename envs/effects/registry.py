@@ -85,7 +85,7 @@ def _arguments(effect: type[Effect]) -> list[str]:
 def refuse_elsewhere(effects: Iterable[Effect], engine: Engine) -> None:
     """Raise EffectError, with those that work, for an effect that an engine does not have."""
     for effect in effects:
-        if not effect.works_on(engine):
+        if engine not in effect.engines:
             there = sorted(name for name, one in EFFECTS.items() if engine in one.engines)
             variant = f" ({effect.variant})" if effect.variant else ""
             raise EffectError(

@@ -33,7 +33,7 @@ plant = Plant(spec, fixed=load_effects("effects.yaml"))             # as a diagn
   `hip_*`. Without it, one value holds for all driven joints or all actuators.
 * **how** is `add`, `scale` or `set`; the first one listed is the default.
 * **Neutral** values (0 added, factor 1, the model's own) leave a simulation bit for bit as it is
-  without the effect; `backlash` and `joint_compliance`, which add a joint, to 1e-7 rad.
+  without the effect; `backlash` and `joint_compliance`, which add a joint, to rounding.
 * **Extras** are constants, or parameters if listed in `free`.
 * **Several effects** at one place apply in the order given, fixed ones first. The same effect, once
   fixed and once drawn, is allowed if it adds or scales.

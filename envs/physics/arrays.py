@@ -53,6 +53,12 @@ class Arrays:
         """Return the index of the rows ids (n,) of the host; None: all."""
         return slice(None) if ids is None else self.own(ids)
 
+    def index(self, index: Any) -> Any:
+        """Return an index of the host, or a tuple of parts of one, as these arrays take it."""
+        if self.on_host or not isinstance(index, tuple):
+            return self.own(index)
+        return tuple(self.own(part) for part in index)
+
     def zeros(self, shape: Any, dtype: Any = None) -> Array:
         """Return zeros; reals unless `dtype` is of a NumPy kind such as bool or np.int64."""
         return self.own(np.zeros(shape, np.float64 if dtype is None else dtype))

@@ -42,6 +42,17 @@ class Physics(Protocol):
         """
         ...
 
+    def field(self, name: str, own: np.ndarray) -> Array:
+        """Return a live array (N, ...) over a field of the model that has a value per row.
+
+        Known once parameters were written.
+
+        Args:
+            name: of the field.
+            own: the batch's values, (N, ...).
+        """
+        ...
+
     def written(self, ids: np.ndarray) -> None:
         """Take over the model's fields of the rows ids (n,) from the batch."""
         ...

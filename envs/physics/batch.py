@@ -32,6 +32,10 @@ class BatchPhysics:
         """Return the batch's own array (N, ...) of a field of MjData."""
         return self._batch.bind(name)
 
+    def field(self, name: str, own: np.ndarray) -> np.ndarray:
+        """Return the batch's own array (N, ...)."""
+        return own
+
     def written(self, ids: np.ndarray) -> None:
         """Do nothing: the batch's fields are what it steps with."""
 

@@ -109,6 +109,7 @@ class Config:
     model: str | None
     joints: list[str]
     columns: str | None
+    to: Literal["mjcf", "mjlab"] | None
     viewer: Literal["rerun"] | None
     effects: str | None
     exclude: list[str]

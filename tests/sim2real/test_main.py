@@ -81,22 +81,6 @@ def test_a_sweep_numbers_its_folders(run: Run, tmp_path: Path, launcher: list[st
     assert all((folder / "metrics.csv").exists() for folder in found)
 
 
-@pytest.mark.slow
-def test_a_sweep_in_two_processes_gives_the_same_numbers(run: Run, tmp_path: Path) -> None:
-    """The joblib launcher's workers compute what one process does."""
-    assert run("-m", *TINY, "seed=0,1") == 0
-    one = [folder / "metrics.csv" for folder in folders(tmp_path)]
-    command = [sys.executable, "-m", "sim2real", "-m", *TINY, "seed=0,1", "hydra/launcher=joblib"]
-    other = tmp_path / "other"
-    other.mkdir()
-    environment = os.environ | {"PYTHONPATH": str(Path(entry.__file__).resolve().parents[1])}
-    subprocess.run([*command, "hydra.launcher.n_jobs=2"], cwd=other, env=environment, check=True)
-    two = [folder / "metrics.csv" for folder in folders(other)]
-    assert [path.read_text() for path in two] == [
-        p.read_text() for p in one if other not in p.parents
-    ]
-
-
 def fails_with(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let every verb fail in this way."""
 

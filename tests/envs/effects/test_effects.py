@@ -27,7 +27,7 @@ STANDARD = [
 ARM = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
     <light dir="0 0 -1"/>
     <camera name="side" pos="0 -1 0" xyaxes="1 0 0 0 0 1"/>
-  <geom name="floor" type="plane" size="1 1 0.1" pos="0 0 {floor}"/>
+  <geom name="floor" type="plane" size="1 1 0.1" pos="0 0 -0.12"/>
   <body name="upper"><joint name="shoulder" axis="0 1 0" armature="0.01" damping="0.05"
     frictionloss="0.002"/>
     <geom type="capsule" size="0.01" fromto="0 0 0 0.1 0 0" mass="0.1"/>
@@ -46,16 +46,14 @@ def effect(name: str, **arguments) -> Effect:
     return make(name, where=where, **NEEDED.get(name, {}), **arguments)
 
 
-def arm(floor: float = -0.5) -> mujoco.MjSpec:
-    """Return an arm of two links above a floor."""
-    return mujoco.MjSpec.from_string(ARM.format(floor=floor))
+def arm() -> mujoco.MjSpec:
+    """Return an arm of two links that can reach a floor."""
+    return mujoco.MjSpec.from_string(ARM)
 
 
-def drive(
-    effects: list, values: np.ndarray | None = None, rows: int = 2, floor: float = -0.5
-) -> np.ndarray:
-    """Return true and measured states of an arm that is driven about, (T, rows, 8)."""
-    plant = Plant(arm(floor), effects, rows, 1)
+def drive(effects: list, values: np.ndarray | None = None, rows: int = 2) -> np.ndarray:
+    """Return true and measured states of an arm that hits the floor, (T, rows, 8)."""
+    plant = Plant(arm(), effects, rows, 1)
     ids = np.arange(rows)
     if values is not None:
         plant.set_params(ids, values)
@@ -70,14 +68,9 @@ def drive(
 
 
 @pytest.fixture(scope="module")
-def plain() -> dict[float, np.ndarray]:
-    """The arm without any effect, above the floor and hitting it."""
-    return {floor: drive([], floor=floor) for floor in (-0.5, -0.12)}
-
-
-def floor_for(name: str) -> float:
-    """Return a floor that the arm hits, unless contacts would blow up a tiny difference."""
-    return -0.5 if EFFECTS[name].place == "joint" else -0.12
+def plain() -> np.ndarray:
+    """The arm without any effect."""
+    return drive([])
 
 
 def variants() -> list:
@@ -110,11 +103,9 @@ def test_effects_imitate_beside_effects_that_there_are() -> None:
 @pytest.mark.parametrize(("name", "where", "how", "side"), variants())
 def test_a_neutral_effect_is_absent(name, where, how, side, plain) -> None:
     """At its neutral values a plant is the one without the effect, bit for bit."""
-    floor = floor_for(name)
-    states = drive([effect(name, where=where, how=how, side=side)], floor=floor)
-    plain = plain[floor]
+    states = drive([effect(name, where=where, how=how, side=side)])
     if name in ("backlash", "joint_compliance", "hysteretic_compliance"):
-        assert np.abs(states - plain).max() < 1e-7
+        assert np.abs(states - plain).max() < 1e-12
     else:
         assert (states == plain).all()
 
@@ -127,10 +118,8 @@ def test_an_effect_acts_and_rows_differ(name, plain) -> None:
         value = EFFECTS[name].typical[0]
     made = effect(name, where=None if name == "thermal_derating" else PLACES[EFFECTS[name].place])
     neutral = Plant(arm(), [made], 1, 1).space.neutral
-    floor = floor_for(name)
-    states = drive([made], np.stack([neutral, np.full_like(neutral, value)]), floor=floor)
-    plain = plain[floor]
-    assert np.abs(states[:, 0] - plain[:, 0]).max() < 1e-7
+    states = drive([made], np.stack([neutral, np.full_like(neutral, value)]))
+    assert np.abs(states[:, 0] - plain[:, 0]).max() < 1e-12
     assert np.abs(states[:, 1] - plain[:, 1]).max() > 1e-5
 
 
