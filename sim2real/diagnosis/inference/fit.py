@@ -91,14 +91,19 @@ class Fitter:
     def fit(self, starts: Iterable[Start], rounds: int | None = None) -> list[Fit]:
         """Return the fits of hypotheses, each from the best of its points.
 
+        They race: one that would not reach the best at the pace of its last step goes no further.
+
         Args:
             starts: hypotheses, and where each begins.
             rounds: steps at most; None: those of the settings.
         """
         states = self._begin(starts)
         live = [state for state in states if state.hypothesis.smooth.any()]
-        for _ in range(self.settings.rounds if rounds is None else rounds):
+        rounds = self.settings.rounds if rounds is None else rounds
+        for left in reversed(range(rounds)):
             live = self._step(live) if live else []
+            best = max((state.density.sum() for state in states), default=0.0)
+            live = [one for one in live if one.density.sum() + one.gain.sum() * left >= best]
         return self._finish(states)
 
     def replay_points(self, starts: Sequence[Start]) -> list[np.ndarray]:
@@ -203,6 +208,7 @@ class Fitter:
         ):
             other = _State(*trial, replay, *self._train(replay, state.trained))
             gain += np.maximum(state.take(other, self.fold), 0.0)
+        state.gain = gain
         good = gain > self.settings.settled
         shrunk = np.maximum(state.damping / GROWTH, self.settings.damping)
         state.damping = np.where(good, shrunk, np.maximum(state.damping, FAILED) * GROWTH)
@@ -275,6 +281,7 @@ class _State:
         self.hypothesis, self.values, self.replay = hypothesis, values.copy(), replay
         self.trained, self.density = list(trained), density.copy()
         self.damping, self.failed = np.zeros(FOLDS), np.zeros(FOLDS, int)
+        self.gain = np.zeros(FOLDS)  # of the last step [nats]
 
     def take(self, other: _State, fold: np.ndarray) -> np.ndarray:
         """Take over what the other does better in a fold; return the gains [nats], (2,)."""

@@ -12,11 +12,12 @@ import numpy as np
 from sim2real.diagnosis.inference.fit import Fitter
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import Likelihood
-from sim2real.diagnosis.inference.replayer import Job
+from sim2real.diagnosis.inference.replayer import Job, Replayer
 from sim2real.diagnosis.inference.unknowns import is_lost
 
 NONE = Hypothesis(())
 HALVES = 2  # every second window at most
+SPRINGS = 2  # times shorter steps of models with springs or play
 LEAST = 3  # windows of a fold that changes are screened on
 
 
@@ -24,7 +25,7 @@ def make_glance(fitter: Fitter, given: np.ndarray, local: np.ndarray, common: np
     """Return what changes are screened with: some windows of each fold, in longer time steps.
 
     What longer steps change of the model as given is taken off all errors; where it is lost, they
-    would change everything. What adds a spring is stepped as the model is.
+    would change everything. What adds a spring or play takes shorter steps.
 
     Args:
         fitter: of all windows.
@@ -38,13 +39,22 @@ def make_glance(fitter: Fitter, given: np.ndarray, local: np.ndarray, common: np
     steps = [max(1, min(often, len(own) // LEAST)) for own in fitter.sides]
     some = [own[::step] for own, step in zip(fitter.sides, steps, strict=True)]
     chosen = np.sort(np.concatenate(some))
-    longer = None if is_lost(every, given) else every.data.stepping(settings.coarse_s)
     replayer = every.part(chosen)
-    if longer is not None:
-        finer, replayer = replayer, every.part(chosen, longer)
-        (coarse,) = replayer.replay([Job(NONE, np.zeros((len(chosen), 0)), replayer.every)])
-        replayer.offset, replayer.finer = given[chosen] - coarse.error, finer
+    if not is_lost(every, given):
+        replayer = _stepping(every, chosen, given, settings.coarse_s)
+        replayer.finer = _stepping(every, chosen, given, settings.coarse_s / SPRINGS)
     rows = replayer.times, replayer.used, replayer.noise
     basis = fitter.likelihood.basis.part(chosen)
     likelihood = Likelihood(*rows, local[chosen], common[chosen], settings, basis)
     return Fitter(replayer, likelihood, fitter.fold[chosen])
+
+
+def _stepping(every: Replayer, chosen: np.ndarray, given: np.ndarray, most: float) -> Replayer:
+    """Return a replayer of some windows, (n,), in steps of at most so long [s], or as they are."""
+    longer = every.data.stepping(most)
+    if longer is None:
+        return every.part(chosen)
+    replayer = every.part(chosen, longer)
+    (coarse,) = replayer.replay([Job(NONE, np.zeros((len(chosen), 0)), replayer.every)])
+    replayer.offset = given[chosen] - coarse.error
+    return replayer
