@@ -12,6 +12,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from types import FrameType
 from typing import Any
 
@@ -56,6 +57,7 @@ def holding_interrupts() -> Iterator[None]:
 
     Else it reaches them while they import, and each writes a traceback.
     """
+    resource_tracker.ensure_running()  # which lets Ctrl-C through again as it starts
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
