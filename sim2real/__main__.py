@@ -48,7 +48,7 @@ EXTRAS = {  # packages that only some verbs need, and the extra that brings them
     "rosbags": "ros",
 }
 ROOMS = ("sim2real", "envs", "hardware")  # of this project
-FULL_MEMORY = ("bad_alloc", "can't allocate memory")  # as C++ and torch say it
+FULL_MEMORY = ("bad_alloc", "can't allocate memory", "not allocate memory")  # C++, torch, MuJoCo
 OTHER_ROOT = ("--config-path", "-cp", "--config-name", "-cn")
 
 

@@ -10,6 +10,9 @@ from __future__ import annotations
 import logging
 import signal
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from types import FrameType
 from typing import Any
 
@@ -46,3 +49,17 @@ class GracefulStop:
             raise KeyboardInterrupt
         self.signal = number
         log.warning("stopping after the iteration in progress; press Ctrl-C again to abandon it")
+
+
+@contextmanager
+def holding_interrupts() -> Iterator[None]:
+    """Hold Ctrl-C back until the end; processes that are started meanwhile never get it.
+
+    Else it reaches them while they import, and each writes a traceback.
+    """
+    resource_tracker.ensure_running()  # which lets Ctrl-C through again as it starts
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

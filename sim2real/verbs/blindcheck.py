@@ -13,6 +13,7 @@ from typing import Any
 
 from sim2real.exam import seal
 from sim2real.exam.hold import LOGS, Examiner, hold
+from sim2real.runs.errors import Sim2RealError
 
 
 def run(*, exam: Examiner, seed: int, resume: str | None, out: Path) -> Sequence[Any]:
@@ -39,8 +40,11 @@ def run(*, exam: Examiner, seed: int, resume: str | None, out: Path) -> Sequence
     outlines = exam.draw(seed)
     try:
         hold(exam, outlines, folder)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         if seal.cases(folder / LOGS):
-            exam.report(folder, len(outlines), seed)
+            try:
+                exam.report(folder, len(outlines), seed)
+            except Sim2RealError as none:  # was answered yet
+                raise KeyboardInterrupt(str(none)) from stop
         raise
     return exam.report(folder, len(outlines), seed)

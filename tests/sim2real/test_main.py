@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import pytest
 import yaml
 
@@ -166,6 +167,7 @@ def test_the_traceback_is_there_on_demand(run: Run, monkeypatch: pytest.MonkeyPa
         (MemoryError("Unable to allocate 27 GiB"), "more memory than there is .Unable"),
         (ValueError("std::bad_alloc"), "more memory than there is"),
         (RuntimeError("DefaultCPUAllocator: can't allocate memory"), "more memory than there is"),
+        (mujoco.FatalError("Could not allocate memory"), "more memory than there is"),
     ],
 )
 def test_what_a_machine_lacks_is_a_sentence(error: Exception, words: str) -> None:

@@ -11,7 +11,6 @@ than in one process.
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Iterator
 from functools import partial
 from typing import Any
@@ -25,6 +24,7 @@ from torchrl.envs import EnvBase
 from sim2real.learning.environment import EnvironmentFactory, SerializableEnv
 from sim2real.learning.trained import drop_per_row_state
 from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.stopping import holding_interrupts
 
 
 class ProcessCollector(MultiSyncCollector):
@@ -65,14 +65,14 @@ class ProcessCollector(MultiSyncCollector):
         seeds = np.random.SeedSequence(env.seed).generate_state(workers).tolist()
         share = rows // workers
         made = [partial(_share, env.made, share, int(seed) % 2**31) for seed in seeds]
-        super().__init__(
-            made,
-            policy,
-            cat_results="stack",
-            update_at_each_batch=True,
-            init_fn=_leave_interrupts,
-            **options,
-        )
+        try:
+            with holding_interrupts():  # Ctrl-C is the main process's, which ends these
+                super().__init__(
+                    made, policy, cat_results="stack", update_at_each_batch=True, **options
+                )
+        except KeyboardInterrupt:
+            self.shutdown()
+            raise
 
     def iterator(self) -> Iterator[TensorDictBase]:
         """Yield batches (N, T), the processes' rows one below the other."""
@@ -87,8 +87,3 @@ def _share(environment: EnvironmentFactory, rows: int, seed: int) -> EnvBase:
     torch.set_num_threads(1)
     torch.manual_seed(seed)
     return environment.make(rows, threads=1, seed=seed)
-
-
-def _leave_interrupts() -> None:
-    """Leave Ctrl-C to the main process, which finishes its iteration and ends this one."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -176,6 +176,9 @@ def test_after_ctrl_c_what_is_answered_is_scored(
     with pytest.raises(KeyboardInterrupt):
         run(exam=EXAM, seed=1, resume=str(part), out=tmp_path)
     assert "2 of 3 cases" in (part / "table.md").read_text()
+    shutil.rmtree(part / "answers")
+    with pytest.raises(KeyboardInterrupt, match="not one case was answered"):
+        run(exam=EXAM, seed=1, resume=str(part), out=tmp_path)
 
 
 def test_two_programs_share_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
