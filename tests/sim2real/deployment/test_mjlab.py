@@ -34,6 +34,7 @@ SAID: list[Fixed] = [
     (make("link_mass", where="arm"), (0.05,)),
     (make("encoder_offset", where="hinge"), (0.02,)),
 ]
+FREE = (int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL))
 FIELDS = {
     "joint_friction": "dof_frictionloss",
     "joint_damping": "dof_damping",
@@ -161,7 +162,7 @@ def test_mjlab_has_what_the_plant_has(
         kind = "joint" if field.startswith(("dof", "encoder")) else field.split("_")[0]
         for number in range(getattr(plant.nominal, counts[kind])):
             element = getattr(plant.nominal, kind)(number)
-            free = kind == "joint" and plant.nominal.jnt_type[number] < mujoco.mjtJoint.mjJNT_SLIDE
+            free = kind == "joint" and plant.nominal.jnt_type[number] in FREE
             if free or not element.name or element.name == "world":
                 continue
             place = element.dofadr[0] if field.startswith("dof") else number
