@@ -93,7 +93,6 @@ class Effect:
     group: ClassVar[str] = ""  # PLAIN, RULES or "", alone: what it is simulated side by side with
     visible_in_replay: ClassVar[bool] = True  # False: noise, what a camera sees
     shared: ClassVar[bool] = False  # whether one value for all its places is tried as well
-    imitates: ClassVar[Mapping[str, str]] = {}  # by another at its joint: what both act like
     no_mjcf: ClassVar[str | None] = "its class does not declare that MJCF can"  # None: MJCF can
     own_mjcf: ClassVar[bool] = False  # whether `to_mjcf` writes it, and not its model fields
     comparable: ClassVar[bool] = False  # whether the emulator's law takes the same value

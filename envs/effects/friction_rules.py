@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -137,7 +136,6 @@ class StribeckFriction(_RuledFriction):
     typical = (0.0, 0.15)
     display_name = "Stribeck friction"
     no_mjcf = "MJCF has no friction that depends on the speed"
-    imitates: ClassVar[Mapping[str, str]] = {"viscous_friction": "dry friction"}  # falling, rising
     sizes = Sizes("add", "stall", 2e-3, 0.3)
     shared = True
     symptom = "stick-slip: slow motions go in jumps, fast ones are smooth"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, ClassVar, Literal, get_args
 
 import mujoco
@@ -20,12 +19,6 @@ from envs.params import How, Parameter
 LIGHTEST = 1e-3  # kg: below this the engine's constants become ill conditioned
 Inertia = Literal["kept", "scaled"]
 INERTIA: tuple[Inertia, ...] = get_args(Inertia)
-# A joint's inertia and its lever arm of gravity, both changed alike, are a motor's torque changed
-# the other way; any two of these set both.
-RIGID: Mapping[str, str] = {
-    name: "a motor of another strength"
-    for name in ("armature", "link_mass", "link_inertia", "center_of_mass", "payload")
-}
 
 
 class _Dense(BoundEffect):
@@ -60,7 +53,6 @@ class LinkMass(FieldEffect):
     minimum = LIGHTEST
     constants = True
     comparable = True
-    imitates = RIGID
     sizes = Sizes("mass", "mass", 0.02, 1.2)
     symptom = "static sag and lag under load that grow with gravity's lever arm"
     source = "MuJoCo XML reference, body/inertial/mass"
@@ -105,7 +97,6 @@ class LinkInertia(FieldEffect):
     field = "body_inertia"
     constants = True
     typical = (0.5, 2.0)
-    imitates = RIGID
     symptom = "turning is harder or easier than mass and lever arm predict; static sag is right"
     source = "MuJoCo XML reference, body/inertial/diaginertia; J = f J_cm + m r²"
     experiment = "fast swings of the last link about its own joint, next to slow loaded holds"
@@ -197,7 +188,6 @@ class CenterOfMass(Effect):
     typical = (-0.03, 0.03)
     no_mjcf = None
     comparable = True
-    imitates = RIGID
     sizes = Sizes("signed", "length", 0.03, 1.2)
     symptom = (
         "sag that changes with the pose as a change of mass would, while acceleration"
@@ -285,7 +275,6 @@ class Payload(Effect):
     typical = (0.0, 0.5)
     no_mjcf = None
     comparable = True
-    imitates = RIGID
     sizes = Sizes("add", "mass", 0.01, 2.5)
     symptom = "more sag and slower swings, most of all at the joints that lift the body"
     source = "point mass: m r x and the parallel axis theorem"

@@ -101,13 +101,6 @@ def test_the_vocabulary_is_whole() -> None:
     assert set(STANDARD) <= set(EFFECTS)
 
 
-def test_effects_imitate_beside_effects_that_there_are() -> None:
-    """A pair is known whichever of the two knows it."""
-    pairs = {(name, other) for name, kind in EFFECTS.items() for other in kind.imitates}
-    assert ("stribeck_friction", "viscous_friction") in pairs
-    assert {other for _, other in pairs} <= set(EFFECTS)
-
-
 @pytest.mark.parametrize(("name", "where", "how", "side"), variants())
 def test_a_neutral_effect_is_absent(name, where, how, side, plain) -> None:
     """At its neutral values a plant is the one without the effect, bit for bit."""
