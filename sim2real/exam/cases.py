@@ -34,7 +34,6 @@ from sim2real.exam.logs import drive, exam_robot, overall, plans
 from sim2real.exam.measure import apart
 from sim2real.exam.outline import KEY, Outline
 from sim2real.exam.refit import withheld
-from sim2real.exam.score import Mark
 from sim2real.exam.sizes import Hidden, entries, hide
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
@@ -93,7 +92,7 @@ def write_task(folder: Path, exclude: Sequence[str], effects: str | None = None)
 
 
 @dataclass(frozen=True)
-class Exam:
+class Exam(hold.Examiner):
     """How many cases of which kind.
 
     Args:
@@ -102,10 +101,8 @@ class Exam:
         two: cases with two effects, of each robot.
         none: cases with nothing hidden, of each robot.
         excluded: cases whose effect is no candidate, of each robot.
-        longest: time after which a diagnosis counts as failed [s].
-        block: make and seal so many cases before the first of them is diagnosed.
         sample: keep so many of all these, drawn at random but of every kind; None keeps all.
-        most: diagnose at most so many cases now, and score what is answered; None goes to the end.
+        longest, block, most: see `Examiner`.
 
     Raises:
         Sim2RealError: no robot, a negative number, or no case at all.
@@ -116,12 +113,10 @@ class Exam:
     two: int
     none: int
     excluded: int
-    longest: float
-    block: int
     sample: int | None = None
-    most: int | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         counts = {kind: getattr(self, kind) for kind in KINDS}
         wrong = {kind: n for kind, n in counts.items() if n < 0}
         if not self.robots or wrong or not any(counts.values()):
@@ -131,7 +126,6 @@ class Exam:
             )
         if self.sample is not None and self.sample < 1:
             raise Sim2RealError(f"sample={self.sample} must be at least 1, or null for all cases")
-        check_limits(self.longest, self.most, self.block)
 
     def draw(self, seed: int) -> list[Outline]:
         """Return the cases; the same seed gives the same ones."""
@@ -146,10 +140,6 @@ class Exam:
             for i, (kind, robot, effects) in enumerate(mixed)
         ]
 
-    def report(self, folder: Path, drawn: int, seed: int) -> list[Mark]:
-        """Open the seals, mark every case that was answered, and write tables and pictures."""
-        return hold.report(folder, drawn, seed)
-
     def _of(self, robot: str, order: np.random.Generator) -> list[Wanted]:
         cases: list[Wanted] = [("one", robot, (effect,)) for effect in EFFECTS] * self.one
         cases += [("two", robot, pair) for pair in _pairs(self.two, order)]
@@ -157,15 +147,10 @@ class Exam:
         return cases + [("excluded", robot, (e,)) for e in evenly(LOCAL, self.excluded, order)]
 
     def make(self, outline: Outline, logs: Path, key: Path) -> bool:
-        """Record a case and write its two folders; False if the robot cannot show its effect.
+        """Record a case; see `Examiner`.
 
         Two effects, or one to be removed, that a robot cannot show are drawn again, so that there
         are as many of these cases as were asked for; what each single effect was asked stays so.
-
-        Args:
-            outline: the case.
-            logs: the folder that a diagnosis is given.
-            key: the folder that it is not.
         """
         tries = (replace(outline, effects=e) for e in (outline.effects, *_others(outline)))
         return any(self._make(one, logs, key) for one in tries)
@@ -194,15 +179,6 @@ class Exam:
         write_task(logs, exclude)
         case.write(key)
         return True
-
-
-def check_limits(longest: float, most: int | None, block: int) -> None:
-    """Refuse a time limit that is none, a negative number of cases, or a block of none."""
-    if not longest > 0 or (most is not None and most < 0) or block < 1:
-        raise Sim2RealError(
-            f"longest={longest} must be above 0 s, most={most} at least 0, or null for all, and "
-            f"block={block} at least 1"
-        )
 
 
 def _without_effects(fields: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,11 +31,10 @@ from envs.effects import Effect, make, write_effects
 from hardware.log import Log, read_log, write_log
 from hardware.stand import MODEL
 from sim2real.exam import hold
-from sim2real.exam.cases import Case, check_limits, write_task
+from sim2real.exam.cases import Case, write_task
 from sim2real.exam.logs import overall
 from sim2real.exam.measure import apart
 from sim2real.exam.outline import Outline
-from sim2real.exam.score import Mark
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
 
@@ -136,38 +135,36 @@ SIZES: Mapping[str, Mapping[str, Range]] = {
 }
 
 
-class RealExam:
+@dataclass(frozen=True)
+class RealExam(hold.Examiner):
     """Real logs with one known effect hidden in each case.
 
     Args:
         data: the folder of real logs, which the environment variable SIM2REAL_DATA names.
         each: cases of each robot and effect; places and sizes are drawn anew for each.
-        longest: time after which a diagnosis counts as failed [s].
-        block: make and seal so many cases before the first of them is diagnosed.
-        most: diagnose at most so many cases now, and score what is answered; None goes to the end.
+        longest, block, most: see `Examiner`.
 
     Raises:
         Sim2RealError: no case; from `draw`: no folder, or one without these logs.
     """
 
-    def __init__(
-        self, data: str | None, each: int, longest: float, block: int, most: int | None = None
-    ) -> None:
-        if each < 1:
-            raise Sim2RealError(f"each={each} must be at least 1")
-        check_limits(longest, most, block)
-        self.data, self.each = Path(data or ""), each
-        self.longest, self.most, self.block = longest, most, block
+    data: str | None
+    each: int
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.each < 1:
+            raise Sim2RealError(f"each={self.each} must be at least 1")
 
     def draw(self, seed: int) -> list[Outline]:
         """Return the cases; the same seed gives the same ones."""
-        if not self.data.parts:
+        if not self.data:
             raise Sim2RealError(
                 "real logs are needed, and exam.data names no folder of them; let the environment "
                 "variable SIM2REAL_DATA name it (docs/logs.md says where public logs are)"
             )
         for base in BASES.values():
-            if not (self.data / base.folder / base.model).is_file():
+            if not (self._folder(base) / base.model).is_file():
                 raise Sim2RealError(
                     f"exam.data={self.data} has no {base.folder}/{base.model}; let the environment "
                     "variable SIM2REAL_DATA name the folder of real logs (docs/logs.md)"
@@ -185,24 +182,14 @@ class RealExam:
             for i, k in enumerate(order)
         ]
 
-    def report(self, folder: Path, drawn: int, seed: int) -> list[Mark]:
-        """Open the seals, mark every case that was answered, and write tables and pictures."""
-        return hold.report(folder, drawn, seed)
-
     def make(self, outline: Outline, logs: Path, key: Path) -> bool:
-        """Write a case's two folders; False if no size opens a gap that stands out.
-
-        Args:
-            outline: the case.
-            logs: the folder that a diagnosis is given.
-            key: the folder that it is not.
-        """
+        """Write a case; see `Examiner`. False if no size opens a gap that stands out."""
         base = BASES[outline.robot]
         (effect,) = outline.effects
         rng = np.random.default_rng([outline.seed, 1])
         where = str(rng.choice(base.where[effect])) or None
         up = bool(rng.integers(2))
-        spec = told(self.data / base.folder / base.model, base.joints)
+        spec = told(self._folder(base) / base.model, base.joints)
         model = spec.copy().compile()
         held = self._log(base, base.held)
         residue = overall(apart(held, spec, _effects(known(base))))
@@ -224,8 +211,11 @@ class RealExam:
         Case(*where_from, truths, gap, residue, residue, (), base.joints, bodies).write(key)
         return True
 
+    def _folder(self, base: Base) -> Path:
+        return Path(self.data or "") / base.folder
+
     def _log(self, base: Base, name: str) -> Log:
-        return shortened(read_log(self.data / base.folder / f"{name}.csv"), base.joints)
+        return shortened(read_log(self._folder(base) / f"{name}.csv"), base.joints)
 
     def _write(self, base: Base, lie: Lie, spec: mujoco.MjSpec, logs: Path, key: Path) -> None:
         path = write_text(logs / MODEL, lie.spec(spec).to_xml())
