@@ -27,9 +27,9 @@ import numpy as np
 from hardware.config import Robot
 from hardware.errors import HardwareError
 from hardware.log import read_log, write_log
-from sim2real.exam import hold
 from sim2real.exam.answer import TASK
 from sim2real.exam.hiding import EFFECTS, moved, place_of
+from sim2real.exam.hold import Examiner
 from sim2real.exam.logs import drive, exam_robot, overall, plans
 from sim2real.exam.measure import apart
 from sim2real.exam.outline import KEY, Outline
@@ -92,7 +92,7 @@ def write_task(folder: Path, exclude: Sequence[str], effects: str | None = None)
 
 
 @dataclass(frozen=True)
-class Exam(hold.Examiner):
+class Exam(Examiner):
     """How many cases of which kind.
 
     Args:

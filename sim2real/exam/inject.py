@@ -30,8 +30,8 @@ import numpy as np
 from envs.effects import Effect, make, write_effects
 from hardware.log import Log, read_log, write_log
 from hardware.stand import MODEL
-from sim2real.exam import hold
 from sim2real.exam.cases import Case, write_task
+from sim2real.exam.hold import Examiner
 from sim2real.exam.logs import overall
 from sim2real.exam.measure import apart
 from sim2real.exam.outline import Outline
@@ -136,7 +136,7 @@ SIZES: Mapping[str, Mapping[str, Range]] = {
 
 
 @dataclass(frozen=True)
-class RealExam(hold.Examiner):
+class RealExam(Examiner):
     """Real logs with one known effect hidden in each case.
 
     Args:

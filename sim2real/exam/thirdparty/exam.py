@@ -22,8 +22,8 @@ import numpy as np
 
 from hardware.files import atomic_write
 from hardware.log import Log, write_log
-from sim2real.exam import hold
 from sim2real.exam.cases import write_task
+from sim2real.exam.hold import Examiner, opened
 from sim2real.exam.logs import overall
 from sim2real.exam.measure import apart
 from sim2real.exam.outline import KEY, Outline
@@ -44,7 +44,7 @@ AGAIN = 8.0  # s of the first motion that are driven twice: what noise does
 
 
 @dataclass(frozen=True)
-class EngineExam(hold.Examiner):
+class EngineExam(Examiner):
     """How many cases of which kinds.
 
     Args:
@@ -119,7 +119,7 @@ class EngineExam(hold.Examiner):
 
     def report(self, folder: Path, drawn: int, seed: int) -> list[Mark]:
         """Mark the answered cases and write tables and pictures; see `Examiner`."""
-        return tables.report(folder, *hold.opened(folder, drawn), seed)
+        return tables.report(folder, *opened(folder, drawn), seed)
 
     def _write(self, outline: Outline, made: Made, logs: Path, key: Path) -> bool:
         robot = ROBOTS[outline.robot]

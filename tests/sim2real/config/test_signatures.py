@@ -61,7 +61,7 @@ def test_signatures_are_read_from_the_source(module: str) -> None:
     ]
     assert list(record.arguments) == ["names", "limits", "other", "share", "on"]
     function = signatures.find(f"{module}.open_ended")
-    assert function is not None and function.open and not function.is_class
+    assert function is not None and function.open
     assert "envs.sample" not in sys.modules
 
 
