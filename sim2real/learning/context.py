@@ -125,10 +125,6 @@ class ContextSpec:
         """Return how values (..., P) are told: -1 to 1 over the ranges, cut at ± limit."""
         return np.clip((values - self.center) / self.half_range, -limit, limit)
 
-    def denormalize(self, said: np.ndarray) -> np.ndarray:
-        """Return the values (..., P) that are told so."""
-        return self.center + np.asarray(said) * self.half_range
-
 
 class AppendContext(Transform):
     """Appends the robot's parameters to "observation".
