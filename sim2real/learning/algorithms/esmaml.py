@@ -25,6 +25,7 @@ from torch import nn
 from sim2real.learning.adapt import Adaptation, NoAdaptation
 from sim2real.learning.adapt.first_order import FirstOrder, FirstOrderCohort
 from sim2real.learning.algorithms.base import Algorithm, Components
+from sim2real.learning.algorithms.checks import check_same_policy
 from sim2real.learning.algorithms.shards import make_shards
 from sim2real.learning.modules.normalizer import Normalizer
 from sim2real.learning.modules.randomness import TorchRandomStream
@@ -335,11 +336,7 @@ class ESMAML(Algorithm):
         Raises:
             CheckpointError: for a state of another policy or another normalization.
         """
-        if dict(state["policy"]) != self.policy.shape:
-            raise CheckpointError(
-                f"checkpoint: its policy is {dict(state['policy'])}, this run's is "
-                f"{self.policy.shape}; give the run the checkpoint's env and policy"
-            )
+        check_same_policy(state["policy"], self.policy.shape)
         if (state["normalizer"] is None) != (self.normalizer is None):
             raise CheckpointError(
                 "checkpoint: normalize_observations differs between the checkpoint and this run; "
