@@ -69,17 +69,11 @@ What differs from the study, beside the seeds:
 
 @dataclass(frozen=True)
 class Method:
-    """A way to train, and a way to adapt what was trained.
+    """A way to train, and a way to adapt what was trained."""
 
-    Args:
-        name: in the results.
-        experiment: that trains it.
-        evaluation: the experiment whose adaptation the evaluation uses.
-    """
-
-    name: str
-    experiment: str
-    evaluation: str
+    name: str  # in the results
+    experiment: str  # that trains it
+    evaluation: str  # the experiment whose adaptation the evaluation uses
 
 
 METHODS = (
@@ -92,21 +86,14 @@ METHODS = (
 
 @dataclass(frozen=True)
 class Plan:
-    """What to run and where.
+    """What to run and where."""
 
-    Args:
-        frames: environment steps of each training run.
-        seeds: of training.
-        out: folder of the runs.
-        results: folder of the tables and the picture.
-        overrides: further settings of every run, such as `algorithm.shards=1`; those of `eval` go
-            to the evaluations only.
-    """
-
-    frames: int
-    seeds: tuple[int, ...]
-    out: Path
-    results: Path
+    frames: int  # environment steps of each training run
+    seeds: tuple[int, ...]  # of training
+    out: Path  # folder of the runs
+    results: Path  # folder of the tables and the picture
+    # further settings of every run, such as `algorithm.shards=1`; those of `eval` go to the
+    # evaluations only
     overrides: tuple[str, ...] = ()
 
     def folder(self, method: Method, seed: int) -> Path:

@@ -55,19 +55,12 @@ DRAWS = 10_000  # resamples of an interval
 
 @dataclass(frozen=True)
 class Case:
-    """A policy on a robot that hides something.
-
-    Args:
-        robot: the robot.
-        world: what it hides, of conf/shift.
-        seed: of the policy's training and of the loop.
-        out: the folder of all cases.
-    """
+    """A policy on a robot that hides something."""
 
     robot: str
-    world: str
-    seed: int
-    out: Path
+    world: str  # what it hides, of conf/shift
+    seed: int  # of the policy's training and of the loop
+    out: Path  # the folder of all cases
 
     @property
     def policy(self) -> Path:

@@ -62,17 +62,12 @@ def recovered(shift: str) -> Callable[[Seed], float]:
 
 @dataclass(frozen=True)
 class Claim:
-    """Something that the median over the seeds must reach.
-
-    Args:
-        text: what.
-        value: of one seed; a KeyError where figures are missing, NaN where there is nothing to say.
-        least: the median must reach.
-    """
+    """Something that the median over the seeds must reach."""
 
     text: str
+    # of one seed; a KeyError where figures are missing, NaN where there is nothing to say
     value: Callable[[Seed], float]
-    least: float
+    least: float  # the median must reach
 
 
 CLAIMS = (

@@ -64,23 +64,15 @@ TRAINING: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Experiment:
-    """Operators compared on one task.
+    """Operators compared on one task."""
 
-    Attributes:
-        env: makes the environment.
-        tasks: makes its tasks.
-        operators: name to adaptation; the order is that of the claim, best first.
-        pairs: perturbation directions an iteration.
-        iterations: training length.
-        clean: parameters that are neutral when scored.
-    """
-
-    env: Callable[..., Rows]
-    tasks: Callable[[], Any]
+    env: Callable[..., Rows]  # makes the environment
+    tasks: Callable[[], Any]  # makes its tasks
+    # name to adaptation; the order is that of the claim, best first
     operators: Mapping[str, Adaptation]
-    pairs: int = 150
-    iterations: int = 300
-    clean: tuple[str, ...] = ()
+    pairs: int = 150  # perturbation directions an iteration
+    iterations: int = 300  # training length
+    clean: tuple[str, ...] = ()  # parameters that are neutral when scored
 
 
 def published(queries: int) -> dict[str, Adaptation]:

@@ -142,17 +142,11 @@ def pointer() -> Pointer:
 
 @dataclass(frozen=True)
 class Policy:
-    """A policy of another library.
+    """A policy of another library."""
 
-    Attributes:
-        library: that trained it; also the name of its files.
-        robot: what it drives.
-        task: makes its task.
-    """
-
-    library: str
-    robot: str
-    task: Callable[[], ServoTask]
+    library: str  # that trained it; also the name of its files
+    robot: str  # what it drives
+    task: Callable[[], ServoTask]  # makes its task
 
     @property
     def file(self) -> Path:

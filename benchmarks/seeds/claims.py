@@ -27,20 +27,14 @@ KEYS = {"claim", "left", "is", "right", "by", "times", "paired"}
 
 @dataclass(frozen=True)
 class Verdict:
-    """An answer to a claim.
+    """An answer to a claim."""
 
-    Attributes:
-        claim: in words.
-        answer: holds, contradicted, undecided, or "not run".
-        by: by how much left is on its side of right, with its interval over runs; None where
-            nothing can be compared.
-        few: whether a side has fewer runs than an interval needs to be trusted.
-    """
-
-    claim: str
-    answer: str
+    claim: str  # in words
+    answer: str  # holds, contradicted, undecided, or "not run"
+    # by how much left is on its side of right, with its interval over runs; None where nothing
+    # can be compared
     by: Interval | float | None = None
-    few: bool = False
+    few: bool = False  # whether a side has fewer runs than an interval needs to be trusted
 
     def __str__(self) -> str:
         """Say it in one line."""

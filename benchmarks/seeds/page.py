@@ -45,21 +45,13 @@ holds the figures of the seeds with their sources.
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the page.
+    """A row of the page."""
 
-    Attributes:
-        about: what `rows.yaml` says of it.
-        found: our figures, by measure.
-        verdicts: of its claims.
-        hours: processor time that all its runs take [h]; None where another row pays.
-        estimated: whether the hours are a forecast; else they were measured.
-    """
-
-    about: Mapping[str, Any]
-    found: Mapping[str, Found]
-    verdicts: Sequence[Verdict]
-    hours: float | None
-    estimated: bool
+    about: Mapping[str, Any]  # what `rows.yaml` says of it
+    found: Mapping[str, Found]  # our figures, by measure
+    verdicts: Sequence[Verdict]  # of its claims
+    hours: float | None  # processor time that all its runs take [h]; None where another row pays
+    estimated: bool  # whether the hours are a forecast; else they were measured
 
     @property
     def run(self) -> bool:

@@ -18,17 +18,11 @@ Array = Any  # np.ndarray or torch.Tensor
 
 @dataclass(frozen=True)
 class Arrays:
-    """Where arrays are and what they are made of.
+    """Where arrays are and what they are made of."""
 
-    Args:
-        xp: the namespace: `numpy`, or `array_api_compat.torch`.
-        dtype: of real numbers.
-        device: of a torch namespace.
-    """
-
-    xp: Any = np
-    dtype: Any = np.float64
-    device: Any = None
+    xp: Any = np  # the namespace: `numpy`, or `array_api_compat.torch`
+    dtype: Any = np.float64  # of real numbers
+    device: Any = None  # of a torch namespace
 
     @property
     def on_host(self) -> bool:

@@ -37,17 +37,11 @@ SWITCH = 0.03  # s that a change of mode takes at most
 
 
 class Sample(NamedTuple):
-    """What the part measures along its own axes.
+    """What the part measures along its own axes."""
 
-    Args:
-        orientation: how it is turned in the world, a unit quaternion w x y z, (4,).
-        acceleration: gravity in it [m/s^2], (3,).
-        gyro: angular velocity [rad/s], (3,).
-    """
-
-    orientation: np.ndarray
-    acceleration: np.ndarray
-    gyro: np.ndarray
+    orientation: np.ndarray  # how it is turned in the world, a unit quaternion w x y z, (4,)
+    acceleration: np.ndarray  # gravity in it [m/s^2], (3,)
+    gyro: np.ndarray  # angular velocity [rad/s], (3,)
 
 
 def request(register: int, size: int) -> bytes:

@@ -44,19 +44,12 @@ class Module:
 
 @dataclass(frozen=True)
 class Argument:
-    """An argument of a constructor or function.
+    """An argument of a constructor or function."""
 
-    Args:
-        name: the name of the argument.
-        hint: its annotation, or None.
-        required: whether it has no default.
-        module: where names in the annotation are looked up.
-    """
-
-    name: str
-    hint: ast.expr | None
-    required: bool
-    module: Module
+    name: str  # the name of the argument
+    hint: ast.expr | None  # its annotation, or None
+    required: bool  # whether it has no default
+    module: Module  # where names in the annotation are looked up
 
     def accepts(self, value: Any) -> bool:
         """Return whether a plain value of YAML can be this argument, as far as its hint says."""
@@ -86,19 +79,12 @@ class Argument:
 
 @dataclass(frozen=True)
 class Signature:
-    """The arguments that can be given by name.
+    """The arguments that can be given by name."""
 
-    Args:
-        name: the name of the class or function, without its module.
-        arguments: the arguments by name.
-        open: whether any other name is taken too.
-        callable: whether it is a class whose objects can be called.
-    """
-
-    name: str
-    arguments: dict[str, Argument]
-    open: bool
-    callable: bool = False
+    name: str  # the name of the class or function, without its module
+    arguments: dict[str, Argument]  # the arguments by name
+    open: bool  # whether any other name is taken too
+    callable: bool = False  # whether it is a class whose objects can be called
 
 
 @cache

@@ -40,38 +40,24 @@ class RunsError(Sim2RealError):
 
 @dataclass(frozen=True)
 class Run:
-    """One training run, evaluated after some number of steps.
+    """One training run, evaluated after some number of steps."""
 
-    Args:
-        folder: the folder of its files.
-        experiment: its name, or "default".
-        settings: what decided its result beside the seed, as {"params.width": 0.075}.
-        expect: what the experiment expected; see `sim2real.evaluation.hypotheses`.
-        scores: what it got on each robot.
-    """
-
-    folder: Path
-    experiment: str
-    settings: dict[str, Any]
-    expect: dict[str, Any]
-    scores: TransferScores
+    folder: Path  # the folder of its files
+    experiment: str  # its name, or "default"
+    settings: dict[str, Any]  # what decided its result beside the seed, as {"params.width": 0.075}
+    expect: dict[str, Any]  # what the experiment expected; see `sim2real.evaluation.hypotheses`
+    scores: TransferScores  # what it got on each robot
 
 
 @dataclass
 class Group:
-    """Runs of one experiment with the same settings.
+    """Runs of one experiment with the same settings."""
 
-    Args:
-        experiment: its name.
-        swept: the settings in which it differs from other groups of the experiment.
-        runs: its runs, at each budget by the seed's name.
-        twin: number among groups whose labels would be equal otherwise, from 1 up.
-    """
-
-    experiment: str
-    swept: dict[str, Any]
+    experiment: str  # its name
+    swept: dict[str, Any]  # the settings in which it differs from other groups of the experiment
+    # its runs, at each budget by the seed's name
     runs: dict[int, dict[str, Run]] = field(default_factory=dict)
-    twin: int = 1
+    twin: int = 1  # number among groups whose labels would be equal otherwise, from 1 up
 
     @property
     def label(self) -> str:

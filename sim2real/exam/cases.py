@@ -52,33 +52,21 @@ ALIKE = (  # effects that no log of positions can separate: never hidden togethe
 
 @dataclass(frozen=True)
 class Case:
-    """What the key of a case says.
+    """What the key of a case says."""
 
-    Args:
-        name: the name of its folders.
-        kind: what was withheld.
-        robot: its name.
-        seed: the seed of motions and noise.
-        truths: hidden effects, as entries of an effects.yaml, each with `joint` and its own `gap`.
-        gap: RMS difference between the robot with and without them [rad].
-        floor: RMS difference of the robot from itself under other noise, or one count [rad].
-        residue: what the nominal model leaves of the held-back motion with nothing hidden [rad].
-        exclude: effects that the diagnosis may not use.
-        joints: the robot's joints, in the order of its servos.
-        bodies: the joint that moves each body.
-    """
-
-    name: str
-    kind: str
-    robot: str
-    seed: int
+    name: str  # the name of its folders
+    kind: str  # what was withheld
+    robot: str  # its name
+    seed: int  # the seed of motions and noise
+    # hidden effects, as entries of an effects.yaml, each with `joint` and its own `gap`
     truths: tuple[dict[str, Any], ...]
-    gap: float
-    floor: float
+    gap: float  # RMS difference between the robot with and without them [rad]
+    floor: float  # RMS difference of the robot from itself under other noise, or one count [rad]
+    # what the nominal model leaves of the held-back motion with nothing hidden [rad]
     residue: float
-    exclude: tuple[str, ...]
-    joints: tuple[str, ...]
-    bodies: dict[str, str]
+    exclude: tuple[str, ...]  # effects that the diagnosis may not use
+    joints: tuple[str, ...]  # the robot's joints, in the order of its servos
+    bodies: dict[str, str]  # the joint that moves each body
 
     def write(self, folder: Path) -> None:
         """Write key.json into a folder."""

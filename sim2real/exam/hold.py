@@ -50,17 +50,13 @@ CONFIDENCES = (0.0, 0.5, 0.8, 0.9, 0.95, 1.001)  # edges of the table of calibra
 class Examiner(ABC):
     """What draws and makes the cases of an exam, and marks the answers.
 
-    Args:
-        longest: time after which a diagnosis counts as failed [s].
-        block: make and seal so many cases before the first of them is diagnosed.
-        most: diagnose at most so many cases now, and score what is answered; None goes to the end.
-
     Raises:
         Sim2RealError: one of these out of range.
     """
 
-    longest: float
-    block: int
+    longest: float  # time after which a diagnosis counts as failed [s]
+    block: int  # make and seal so many cases before the first of them is diagnosed
+    # diagnose at most so many cases now, and score what is answered; None goes to the end
     most: int | None = None
 
     def __post_init__(self) -> None:

@@ -45,25 +45,15 @@ TRIES = 6  # sizes that are tried for that
 
 
 class Base(NamedTuple):
-    """A real robot, and the parameters of its simulator.
+    """A real robot, and the parameters of its simulator."""
 
-    Args:
-        folder: below the data folder.
-        model: its MJCF there.
-        joints: those that are compared; others are taken out of model and logs.
-        held: the log that is held back.
-        files: the logs that a diagnosis is given.
-        known: effects as (name, joint, value, extra).
-        where: the places of each injected effect.
-    """
-
-    folder: str
-    model: str
-    joints: tuple[str, ...]
-    held: str
-    files: tuple[str, ...]
-    known: tuple[tuple[str, str, float], ...]
-    where: Mapping[str, tuple[str, ...]]
+    folder: str  # below the data folder
+    model: str  # its MJCF there
+    joints: tuple[str, ...]  # those that are compared; others are taken out of model and logs
+    held: str  # the log that is held back
+    files: tuple[str, ...]  # the logs that a diagnosis is given
+    known: tuple[tuple[str, str, float], ...]  # effects as (name, joint, value, extra)
+    where: Mapping[str, tuple[str, ...]]  # the places of each injected effect
 
 
 def _bench(gain: int) -> Base:

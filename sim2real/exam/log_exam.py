@@ -52,29 +52,17 @@ BESIDE = tuple(
 
 @dataclass(frozen=True)
 class LogMark:
-    """What became of one case.
+    """What became of one case."""
 
-    Args:
-        case: its name.
-        robot: its name.
-        mistake: the mistake in words.
-        hidden: the effect beside it, "" for none.
-        answer: verdict and causes in words.
-        named: whether the mistake is named.
-        blamed: whether the robot is: called `explained` without a mistake of the log.
-        found: whether the effect is named; None where there is none.
-        seconds: the duration of the diagnosis; None if it failed.
-    """
-
-    case: str
-    robot: str
-    mistake: str
-    hidden: str
-    answer: str
-    named: bool
-    blamed: bool
-    found: bool | None
-    seconds: float | None
+    case: str  # its name
+    robot: str  # its name
+    mistake: str  # the mistake in words
+    hidden: str  # the effect beside it, "" for none
+    answer: str  # verdict and causes in words
+    named: bool  # whether the mistake is named
+    blamed: bool  # whether the robot is: called `explained` without a mistake of the log
+    found: bool | None  # whether the effect is named; None where there is none
+    seconds: float | None  # the duration of the diagnosis; None if it failed
 
 
 @dataclass(frozen=True)

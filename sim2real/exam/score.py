@@ -46,67 +46,41 @@ Named = tuple[str, str | None]  # effect and place
 
 @dataclass(frozen=True, kw_only=True)
 class CaseMark:
-    """What became of one case of any exam; None where a question does not apply.
+    """What became of one case of any exam; None where a question does not apply."""
 
-    Args:
-        case: its name.
-        kind: what was withheld.
-        robot: its name.
-        hidden: the hidden effects in words.
-        answer: the verdict and the causes in words.
-        rank1: whether the first cause is right.
-        rank3: whether all hidden effects are among the first three.
-        place: whether the first place is right.
-        error: relative error of the value of the first cause, where it can be compared.
-        covered: whether its interval holds the truth.
-        confidence: of the first cause.
-        right: whether the first cause is right, for the calibration; None without a cause.
-        superfluous: causes that nothing hidden stands behind.
-        closed: share of the closable gap that is closed on a log that the diagnosis never saw.
-        seconds: the duration of the diagnosis.
-        reason: why it is wrong, for people; "" if it is right.
-    """
-
-    case: str
-    kind: str
-    robot: str
-    hidden: str
-    answer: str
-    rank1: bool | None = None
-    rank3: bool | None = None
-    place: bool | None = None
+    case: str  # its name
+    kind: str  # what was withheld
+    robot: str  # its name
+    hidden: str  # the hidden effects in words
+    answer: str  # the verdict and the causes in words
+    rank1: bool | None = None  # whether the first cause is right
+    rank3: bool | None = None  # whether all hidden effects are among the first three
+    place: bool | None = None  # whether the first place is right
+    # relative error of the value of the first cause, where it can be compared
     error: float | None = None
-    covered: bool | None = None
-    confidence: float | None = None
+    covered: bool | None = None  # whether its interval holds the truth
+    confidence: float | None = None  # of the first cause
+    # whether the first cause is right, for the calibration; None without a cause
     right: bool | None = None
-    superfluous: int | None = None
+    superfluous: int | None = None  # causes that nothing hidden stands behind
+    # share of the closable gap that is closed on a log that the diagnosis never saw
     closed: float | None = None
-    seconds: float | None = None
-    reason: str = ""
+    seconds: float | None = None  # the duration of the diagnosis
+    reason: str = ""  # why it is wrong, for people; "" if it is right
 
 
 @dataclass(frozen=True, kw_only=True)
 class Mark(CaseMark):
-    """What became of one case: of the kind one, two, none or excluded.
+    """What became of one case: of the kind one, two, none or excluded."""
 
-    Args:
-        truths: the hidden effects' names.
-        first: the name that the answer gives at rank 1: the truth's if its set holds it.
-        recognized: whether a removed effect was not called explained.
-        alarm: with nothing hidden, whether the verdict was anything but no_gap.
-        claimed: share of the closable gap that is closed, as the report says.
-        is_set: whether another recording could part a cause from an equivalent.
-        inside: of a set, whether all hidden effects are in it.
-        exact: of an answer that is none, whether it names the hidden effects and nothing else.
-    """
-
-    truths: tuple[str, ...]
-    first: str
-    recognized: bool | None = None
-    alarm: bool | None = None
-    claimed: float | None = None
-    is_set: bool | None = None
-    inside: bool | None = None
+    truths: tuple[str, ...]  # the hidden effects' names
+    first: str  # the name that the answer gives at rank 1: the truth's if its set holds it
+    recognized: bool | None = None  # whether a removed effect was not called explained
+    alarm: bool | None = None  # with nothing hidden, whether the verdict was anything but no_gap
+    claimed: float | None = None  # share of the closable gap that is closed, as the report says
+    is_set: bool | None = None  # whether another recording could part a cause from an equivalent
+    inside: bool | None = None  # of a set, whether all hidden effects are in it
+    # of an answer that is none, whether it names the hidden effects and nothing else
     exact: bool | None = None
 
 

@@ -30,17 +30,12 @@ Gap = Callable[[list[dict[str, Any]]], float | None]  # of entries; None: the ro
 
 
 class Hidden(NamedTuple):
-    """What was hidden, and what it does.
+    """What was hidden, and what it does."""
 
-    Args:
-        truths: entries of an effects.yaml, each with `joint` and its own `gap`.
-        gap: RMS difference between the robot with and without all of them [rad].
-        floor: RMS difference of the robot from itself under other noise, or one count [rad].
-    """
-
+    # entries of an effects.yaml, each with `joint` and its own `gap`
     truths: tuple[dict[str, Any], ...]
-    gap: float
-    floor: float
+    gap: float  # RMS difference between the robot with and without all of them [rad]
+    floor: float  # RMS difference of the robot from itself under other noise, or one count [rad]
 
 
 def hide(robot: Robot, effects: Sequence[str], seed: int) -> Hidden | None:

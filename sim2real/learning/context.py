@@ -61,17 +61,12 @@ def training_range(tasks: Any, space: ParamSpace) -> dict[str, tuple[float, floa
 
 @dataclass(frozen=True, eq=False)
 class ContextSpec:
-    """Which parameters a policy is told, and how.
+    """Which parameters a policy is told, and how."""
 
-    Attributes:
-        parameters: P of them, in the order of the simulator's space.
-        low: lower ends of the ranges that training draws them from, (P,), each in its unit.
-        high: upper ends, (P,).
-    """
-
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[Parameter, ...]  # P of them, in the order of the simulator's space
+    # lower ends of the ranges that training draws them from, (P,), each in its unit
     low: np.ndarray
-    high: np.ndarray
+    high: np.ndarray  # upper ends, (P,)
 
     @classmethod
     def from_tasks(cls, tasks: Tasks, space: ParamSpace) -> ContextSpec:

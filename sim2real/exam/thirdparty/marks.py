@@ -30,23 +30,14 @@ SURE = 0.8  # confidence from which a cause that is none counts as wrong
 
 @dataclass(frozen=True, kw_only=True)
 class Mark(CaseMark):
-    """What became of one case; see `CaseMark`, and `sim2real.exam.thirdparty.kinds`.
+    """What became of one case; see `CaseMark`, and `sim2real.exam.thirdparty.kinds`."""
 
-    Args:
-        truths: the names of what was hidden.
-        verdict: of the report; "failed" without one.
-        floors: the gap in floors.
-        background: the gap of what is a little off everywhere, in floors.
-        explained: whether the verdict is `explained`.
-        sure: whether a cause was named with a confidence of `SURE` or more.
-    """
-
-    truths: tuple[str, ...]
-    verdict: str
-    floors: float
-    background: float
-    explained: bool | None = None
-    sure: bool | None = None
+    truths: tuple[str, ...]  # the names of what was hidden
+    verdict: str  # of the report; "failed" without one
+    floors: float  # the gap in floors
+    background: float  # the gap of what is a little off everywhere, in floors
+    explained: bool | None = None  # whether the verdict is `explained`
+    sure: bool | None = None  # whether a cause was named with a confidence of `SURE` or more
 
 
 def mark(

@@ -25,19 +25,12 @@ Watch = Callable[[int, int, float | None], None]  # turns done, turns in all, be
 
 @dataclass(frozen=True)
 class FitContext:
-    """Where a fit keeps its journal, whom it tells, and where its randomness comes from.
+    """Where a fit keeps its journal, whom it tells, and where its randomness comes from."""
 
-    Args:
-        seed: all randomness follows from it.
-        folder: gets `journal.npz`; None keeps nothing.
-        resume: the folder of a run to go on from; None starts anew.
-        watch: called after each turn.
-    """
-
-    seed: int = 0
-    folder: Path | None = None
-    resume: Path | None = None
-    watch: Watch = field(default=lambda done, total, best: None)
+    seed: int = 0  # all randomness follows from it
+    folder: Path | None = None  # gets `journal.npz`; None keeps nothing
+    resume: Path | None = None  # the folder of a run to go on from; None starts anew
+    watch: Watch = field(default=lambda done, total, best: None)  # called after each turn
 
     def journal(self, score: Score | None = None) -> Journal:
         """Return the fit's journal, that of the resumed run read."""

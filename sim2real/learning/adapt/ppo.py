@@ -36,26 +36,18 @@ from sim2real.runs.errors import Sim2RealError
 class PPOAdaptation(ClippedSettings, Adaptation):
     """R rounds of PPO with an Adam of its own, which starts anew in each adaptation.
 
-    Args:
-        rounds: R; on a robot as many episodes.
-        steps: S, control steps of a round in a population, where episodes that end begin again.
-        law: of the policy that adapts; see `bind_policy`.
-        value: of its critic.
-        critic: the critic's parameters, (C,).
-        unit: what rewards are divided by before they are valued.
-
     Raises:
         Sim2RealError: for values out of range.
     """
 
     explores: ClassVar[bool] = True
     needs_critic: ClassVar[bool] = True
-    rounds: int
-    steps: int
-    law: FunctionalActor | None = None
-    value: FunctionalCritic | None = None
-    critic: torch.Tensor | None = None
-    unit: float = 1.0
+    rounds: int  # R; on a robot as many episodes
+    steps: int  # S, control steps of a round in a population, where episodes that end begin again
+    law: FunctionalActor | None = None  # of the policy that adapts; see `bind_policy`
+    value: FunctionalCritic | None = None  # of its critic
+    critic: torch.Tensor | None = None  # the critic's parameters, (C,)
+    unit: float = 1.0  # what rewards are divided by before they are valued
 
     def __post_init__(self) -> None:
         ClippedSettings.__post_init__(self)

@@ -47,17 +47,11 @@ from sim2real.runs.errors import CheckpointError, Sim2RealError
 
 @dataclass(frozen=True, kw_only=True)
 class RowsSettings:
-    """Where episodes run; the numbers change the speed and no result.
+    """Where episodes run; the numbers change the speed and no result."""
 
-    Args:
-        num_rows: episodes that run side by side, in all shards.
-        shards: environments that share the cores; None chooses, see `make_shards`.
-        refill: see `Population`.
-    """
-
-    num_rows: int
-    shards: int | None
-    refill: int
+    num_rows: int  # episodes that run side by side, in all shards
+    shards: int | None  # environments that share the cores; None chooses, see `make_shards`
+    refill: int  # see `Population`
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,15 +23,10 @@ Tensor = torch.Tensor
 
 @dataclass(frozen=True)
 class Critic:
-    """What says how much a policy will earn.
+    """What says how much a policy will earn."""
 
-    Attributes:
-        module: writes the value of what is observed.
-        unit: what rewards are divided by before they are valued; above 0.
-    """
-
-    module: TensorDictModuleBase
-    unit: float = 1.0
+    module: TensorDictModuleBase  # writes the value of what is observed
+    unit: float = 1.0  # what rewards are divided by before they are valued; above 0
 
 
 class FunctionalCritic:

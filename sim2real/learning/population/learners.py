@@ -26,23 +26,16 @@ from sim2real.learning.modules.normalizer import Normalizer
 
 @dataclass(frozen=True)
 class BatchedLearningResult:
-    """What J members did in R rounds.
+    """What J members did in R rounds."""
 
-    Attributes:
-        returns: undiscounted return of the episodes that ended in a round, their mean, (J, R); of
-            the one that goes on where none did.
-        lengths: control steps, (J, R).
-        failed: whether a simulation error ended an episode, (J, R) bool.
-        sums: sum of (observation - frozen mean), (J, O).
-        squares: sum of (observation - frozen mean)^2, (J, O).
-        paid: sum of the discounted returns so far, and of their squares, over all steps, (J, 2).
-    """
-
+    # undiscounted return of the episodes that ended in a round, their mean, (J, R); of the one
+    # that goes on where none did
     returns: np.ndarray
-    lengths: np.ndarray
-    failed: np.ndarray
-    sums: np.ndarray
-    squares: np.ndarray
+    lengths: np.ndarray  # control steps, (J, R)
+    failed: np.ndarray  # whether a simulation error ended an episode, (J, R) bool
+    sums: np.ndarray  # sum of (observation - frozen mean), (J, O)
+    squares: np.ndarray  # sum of (observation - frozen mean)^2, (J, O)
+    # sum of the discounted returns so far, and of their squares, over all steps, (J, 2)
     paid: np.ndarray
 
 

@@ -63,21 +63,14 @@ GUARD_STOPPED = 3  # exit status
 
 @dataclass(frozen=True)
 class Plan:
-    """How long a loop goes on.
+    """How long a loop goes on."""
 
-    Args:
-        rounds: trainings at most.
-        tolerance: part of the simulator's return that counts as nothing.
-        rollouts: episodes on each robot that price the causes.
-        logs: recordings to start from, in place of the first deployment and recording.
-        absent: whether the robot of these logs is not here, so that nothing is deployed.
-    """
-
-    rounds: int
-    tolerance: float
-    rollouts: int
+    rounds: int  # trainings at most
+    tolerance: float  # part of the simulator's return that counts as nothing
+    rollouts: int  # episodes on each robot that price the causes
+    # recordings to start from, in place of the first deployment and recording
     logs: Sequence[Log] = ()
-    absent: bool = False
+    absent: bool = False  # whether the robot of these logs is not here, so that nothing is deployed
 
     def __post_init__(self) -> None:
         if self.rounds < 1 or not 0 <= self.tolerance < 1:
@@ -89,17 +82,11 @@ class Plan:
 
 @dataclass(frozen=True)
 class Improvement:
-    """How a loop ended.
+    """How a loop ended."""
 
-    Args:
-        end: why, see `story.WORDS`.
-        why: the guard's words where it stopped the robot.
-        story: the rounds; its `best` is the number of the best policy's.
-    """
-
-    end: End
-    why: str
-    story: ImprovementHistory
+    end: End  # why, see `story.WORDS`
+    why: str  # the guard's words where it stopped the robot
+    story: ImprovementHistory  # the rounds; its `best` is the number of the best policy's
 
     @property
     def exit_status(self) -> int:

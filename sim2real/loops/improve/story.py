@@ -82,15 +82,10 @@ class Round:
 
 @dataclass
 class ImprovementHistory:
-    """The rounds so far.
+    """The rounds so far."""
 
-    Args:
-        tolerance: part of the simulator's return that counts as nothing.
-        seed: of the intervals' resamples.
-    """
-
-    tolerance: float
-    seed: int
+    tolerance: float  # part of the simulator's return that counts as nothing
+    seed: int  # of the intervals' resamples
     rounds: list[Round] = field(default_factory=list)
 
     def interval(self, values: Sequence[float]) -> Interval:

@@ -43,20 +43,14 @@ STARTS = 1  # stream of randomness: the episodes, the same for all policies
 class Target:
     """A simulated robot, of which the loop knows its episodes alone.
 
-    Args:
-        world: what stands for the robot.
-        environment: the simulator of its task, as given.
-        trials: episodes of each policy.
-        seed: of their starts.
-
     Raises:
         Sim2RealError: fewer than two trials, or worlds that are no simulations of a robot.
     """
 
-    world: EnvironmentFactory
-    environment: EnvironmentFactory
-    trials: int
-    seed: int
+    world: EnvironmentFactory  # what stands for the robot
+    environment: EnvironmentFactory  # the simulator of its task, as given
+    trials: int  # episodes of each policy
+    seed: int  # of their starts
     stand = False
     by_distance = False
 
