@@ -34,15 +34,7 @@ def default_experiments() -> list[str]:
 def hold(
     experiment: str, out: Path, results: Path, processes: int = 1, most: int | None = None
 ) -> int:
-    """Run an exam in its folder, keep its tables, and return the exit status.
-
-    Args:
-        experiment: its name.
-        out: folder of the exams.
-        results: folder of what is kept.
-        processes: programs that share the cases.
-        most: cases that each of them diagnoses now; None for all.
-    """
+    """Run an exam in its folder, keep its tables, and return the exit status."""
     folder = (out / experiment).resolve()
     overrides = [f"+experiment={experiment}", f"hydra.run.dir={folder}", f"resume={folder}"]
     overrides += [] if most is None else [f"exam.most={most}"]

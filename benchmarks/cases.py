@@ -28,13 +28,7 @@ Named = TypeVar("Named", bound=tuple)  # a NamedTuple
 
 
 class Cases:
-    """Rows of cases in a CSV file.
-
-    Args:
-        path: of the file; read where it is there.
-        fields: its columns.
-        key: the column of the case's name.
-    """
+    """Rows of cases in a CSV file."""
 
     def __init__(self, path: Path, fields: Sequence[str], key: str = "case") -> None:
         self.path, self.fields, self.key = path, fields, key

@@ -189,12 +189,6 @@ def contrast(
 ) -> tuple[int, Interval | float, str] | None:
     """Compare two branches after a test, paired by trunk.
 
-    Args:
-        found: see `read`.
-        test: how both were tested.
-        branch: the one.
-        other: the one that is taken away.
-
     Returns:
         Pairs, the difference of mean returns with its 95 % interval, and what it says: "holds" (the
         branch is above the other), "contradicted", "alike" within the margin, or "undecided"; None

@@ -107,14 +107,7 @@ def folders(plan: Plan, name: str, seed: int) -> list[Path]:
 
 
 def page(plan: Plan, figures: Figures, steps: list[int], told: list[str]) -> str:
-    """Return the page of a task.
-
-    Args:
-        plan: the study.
-        figures: of the runs that are complete.
-        steps: of the trainings, each number once.
-        told: settings beside the study's, by row.
-    """
+    """Return the page of a task."""
     table = Table(("robots of the training", "the seed", "ours", "seeds"))
     for rows in (*ROUNDS, ENDED):
         for row in rows:

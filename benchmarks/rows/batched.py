@@ -44,9 +44,6 @@ class Actor(TensorDictModuleBase):
 
     It reads and writes the tensordict by itself: `TensorDictModule` looks for pandas in the file
     system at each call where it is not installed, which costs 0.2 ms.
-
-    Args:
-        gait: which policy.
     """
 
     in_keys: ClassVar[list[str]] = ["observation"]
@@ -62,15 +59,7 @@ class Actor(TensorDictModuleBase):
 
 
 class BatchedEnv(Row):
-    """`step_and_maybe_reset` with the policy in the loop.
-
-    Args:
-        name: the row's.
-        num_rows: N.
-        steps: control steps of each row a run.
-        gait: which policy.
-        of: its raw physics.
-    """
+    """`step_and_maybe_reset` with the policy in the loop."""
 
     memory = "batched"
 
@@ -123,18 +112,7 @@ class BatchedEnv(Row):
 
 
 class Collected(Row):
-    """A TorchRL collector.
-
-    Args:
-        name: the row's.
-        simulations: N.
-        make: returns the environment.
-        frames: environment steps a batch.
-        batches: timed batches a run.
-        gait: which policy.
-        setup: in words.
-        of: the row that divides.
-    """
+    """A TorchRL collector."""
 
     def __init__(
         self,
@@ -185,14 +163,6 @@ class TrainingCollected(Collected):
 
     The normalizer begins with what it would converge to, and the actions' deviation is small, so
     that the robots do what they do in the other rows.
-
-    Args:
-        name: the row's.
-        kind: of collector.
-        frames: environment steps a batch.
-        batches: timed batches a run.
-        gait: which policy.
-        setup: in words.
     """
 
     def __init__(

@@ -80,13 +80,7 @@ class Ours(Row):
 
 
 class StableBaselines3(Row):
-    """One of its algorithms with its defaults; TRPO is in its package of contributions.
-
-    Args:
-        name: of the row.
-        algorithm: "PPO", "SAC" or "TRPO".
-        amount: environment steps of a run; after SAC's first ones each is an update, too.
-    """
+    """One of its algorithms with its defaults; TRPO is in its package of contributions."""
 
     of = None
 
@@ -114,11 +108,7 @@ class StableBaselines3(Row):
 
 
 class TorchRLPPO(Row):
-    """PPO put together of TorchRL's parts with the settings of its own MuJoCo example.
-
-    Args:
-        amount: environment steps of a run, at least.
-    """
+    """PPO put together of TorchRL's parts with the settings of its own MuJoCo example."""
 
     name = "ppo_torchrl_sota"
     of = "ppo_sb3"

@@ -48,11 +48,7 @@ def steps_of(members: int, steps: int) -> RolloutBatch:
 
 
 class Members(Row):
-    """All members at once, as evolution strategies train them.
-
-    Args:
-        members: how many; blocks of 32 waste nothing.
-    """
+    """All members at once, as evolution strategies train them."""
 
     name, of, unit = "ppo_members", "ppo_members_torchrl", "updates"
 
@@ -82,11 +78,7 @@ class Members(Row):
 
 
 class MembersTorchRL(Row):
-    """One member after the other: `GAE`, `ClipPPOLoss` and `torch.optim.Adam`, fused.
-
-    Args:
-        members: how many.
-    """
+    """One member after the other: `GAE`, `ClipPPOLoss` and `torch.optim.Adam`, fused."""
 
     name, of, unit = "ppo_members_torchrl", None, "updates"
 

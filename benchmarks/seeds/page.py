@@ -110,12 +110,7 @@ def _row(
 
 
 def page(content: Mapping[str, Any], folder: Path) -> str:
-    """Return the page as Markdown.
-
-    Args:
-        content: of `rows.yaml`.
-        folder: of the committed results.
-    """
+    """Return the page as Markdown."""
     every = rows(content, folder)
     parts = [HEAD, _summary(every)]
     for seed, title in content["seeds"].items():

@@ -93,12 +93,7 @@ def evaluate(policy: Path, seed: int, words: Sequence[str], folder: Path) -> boo
 
 
 def figures(folder: Path, then: bool = False) -> Iterator[tuple[str, float, int]]:
-    """Yield name, value and training steps of each figure of a complete run.
-
-    Args:
-        folder: the run's.
-        then: whether those of the evaluation after it are meant.
-    """
+    """Yield name, value and training steps of each figure of a complete run."""
     folder = folder / THEN if then else folder
     if (folder / "evaluation.json").is_file():
         scores = GridScores.read(folder)
