@@ -71,6 +71,7 @@ class Effect:
     # What real robots show, in the first way; a fit starts inside.
     typical: ClassVar[tuple[float, float]] = (0.0, 1.0)
     limits: ClassVar[tuple[float, float]] = (-np.inf, np.inf)  # of its value
+    components: ClassVar[Sequence[str]] = ()  # names of its values, where it has several
     neutral: ClassVar[float | None] = None  # its value where it is absent; None: that of the way
     # Where a search looks first: factors of what it scales; values (K,) or (K, k), see `probes`.
     factors: ClassVar[tuple[float, ...]] = (0.5, 0.75, 1.3, 1.8)
@@ -231,7 +232,9 @@ class Effect:
         """
         self.check(model)
         low, high = self.limits
-        return (self.parameter(low=low, high=high), *self.free_parameters())
+        names = [(name,) for name in self.components] or [()]
+        values = (self.parameter(*name, low=low, high=high) for name in names)
+        return (*values, *self.free_parameters())
 
     def bind(self, plant: PlantView) -> BoundEffect:
         """Connect the effect to a plant: by default its `law`."""

@@ -12,7 +12,7 @@ from envs.effects.plant_view import PlantView
 class _Rate(BoundEffect):
     """See `ClockDrift`."""
 
-    def __init__(self, plant: PlantView) -> None:
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
         self._step, self._own = plant.field("opt.timestep"), plant.model.opt.timestep
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
@@ -41,7 +41,4 @@ class ClockDrift(Effect):
     first_values = (-0.03, -0.008, 0.008, 0.03)
     group = PLAIN
     limits = (-0.5, 1.0)
-
-    def bind(self, plant: PlantView) -> BoundEffect:
-        """Scale the time step of each row."""
-        return _Rate(plant)
+    law = _Rate

@@ -80,13 +80,13 @@ class _Loss(CommandRule):
 
     order = 10
 
-    def __init__(self, plant: PlantView, label: str) -> None:
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
         self.value, self.held = np.zeros(plant.num_rows), np.zeros((plant.num_rows, plant.model.nu))
         self.count, self.seeds = (
             np.zeros(plant.num_rows, np.int64),
             np.zeros(plant.num_rows, np.uint64),
         )
-        self.stream = stream(label)
+        self.stream = stream(effect.label())
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         self.value[ids] = values[:, 0]
@@ -119,10 +119,7 @@ class PacketLoss(Effect):
     source = "held commands with independent losses; bus error counters"
     experiment = "count the failed status packets; no motion is needed"
     limits = (0.0, 1.0)
-
-    def bind(self, plant: PlantView) -> CommandRule:
-        """Hold commands at random."""
-        return _Loss(plant, self.label())
+    law = _Loss
 
 
 class Profile(SubstepRule):

@@ -22,8 +22,8 @@ class SamplingDelay(Measurement):
     order = 20
     needs_speed = True
 
-    def __init__(self, plant: PlantView, longest: float) -> None:
-        model = plant.nominal
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
+        model, longest = plant.nominal, effect.extra["longest"]
         n, k = plant.num_rows, math.ceil(longest / model.opt.timestep) + 2
         self.arrays = arrays = plant.arrays
         self.now, self.value = plant.time, arrays.zeros(n)
@@ -146,11 +146,8 @@ class ObservationDelay(Effect):
     )
     first_values = (0.003, 0.01, 0.03, 0.07)
     group = PLAIN
+    law = SamplingDelay
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
         """Return the delay."""
         return (self.parameter(low=0.0, high=self.extra["longest"]),)
-
-    def bind(self, plant: PlantView) -> Measurement:
-        """Report what was true some time ago."""
-        return SamplingDelay(plant, self.extra["longest"])
