@@ -15,7 +15,7 @@ import numpy as np
 
 from sim2real.runs.figures import COLOURS, INK, figure
 from sim2real.runs.files import write_text
-from sim2real.runs.statistics import Interval, bootstrap
+from sim2real.runs.statistics import Interval, bootstrap, median
 from sim2real.runs.tables import Cell, Table
 
 Seed = Mapping[str, float]
@@ -81,11 +81,6 @@ CLAIMS = (
 )
 
 
-def middle(values: np.ndarray) -> np.ndarray:
-    """Return the median over the last two axes of values (..., n, C)."""
-    return np.median(values, axis=(-2, -1))
-
-
 def values_of(seeds: Mapping[int, Seed], value: Callable[[Seed], float]) -> list[float]:
     """Return a value of every seed that has it."""
     found = []
@@ -102,7 +97,7 @@ def estimate(values: list[float]) -> Interval | float | None:
     if len(values) < 2:
         return values[0] if values else None
     rng = np.random.default_rng(0)
-    return bootstrap(np.array(values)[:, None], middle, rng, draws=DRAWS, resample="rows")
+    return bootstrap(np.array(values)[:, None], median, rng, draws=DRAWS, resample="rows")
 
 
 def claims(found: Figures) -> Table:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
 import yaml
 
+from benchmarks.cases import read_csv
 from benchmarks.easi.plan import ENDED, ROUNDS, ROWS, Plan, truth
 from benchmarks.easi.steps import prior
 from benchmarks.robots import cpu_minutes
@@ -253,11 +253,3 @@ def histories(folder: Path) -> np.ndarray | None:
         count = len([name for name in arrays.files if name.startswith("asked.")])
         asked = [arrays[f"asked.{i}"] for i in range(count)]
     return np.array([(points.mean(axis=0), points.std(axis=0)) for points in asked])
-
-
-def read_csv(path: Path) -> list[dict[str, str]]:
-    """Return the rows of a table; none if it is not there."""
-    if not path.is_file():
-        return []
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))

@@ -33,6 +33,7 @@ from scipy import stats
 
 from envs.effects import EFFECTS
 from sim2real.exam.hiding import EFFECTS as HIDDEN
+from sim2real.runs import statistics
 from sim2real.runs.statistics import Interval, bootstrap
 from sim2real.runs.tables import Table
 
@@ -295,11 +296,7 @@ def median(values: Iterable[float], rng: np.random.Generator) -> Interval | None
         return None
     if len(found) == 1:
         return Interval(*np.repeat(found, 3).tolist())
-    return bootstrap(found, _middle, rng, draws=DRAWS, resample="rows", level=LEVEL)
-
-
-def _middle(values: np.ndarray) -> np.ndarray:
-    return np.median(values, axis=(-2, -1))
+    return bootstrap(found, statistics.median, rng, draws=DRAWS, resample="rows", level=LEVEL)
 
 
 def of(marks: Sequence[CaseMark], name: str) -> list[Any]:

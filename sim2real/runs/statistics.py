@@ -56,6 +56,11 @@ def mean(values: np.ndarray) -> np.ndarray:
     return np.asarray(values, dtype=np.float64).mean(axis=(-2, -1))
 
 
+def median(values: np.ndarray) -> np.ndarray:
+    """Return the median over the last two axes of values (..., n, C)."""
+    return np.median(values, axis=(-2, -1))
+
+
 def fraction_above(threshold: float) -> Statistic:
     """Return the statistic that is the share of values above a threshold."""
     return lambda values: (np.asarray(values) > threshold).mean(axis=(-2, -1))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks import bands
+from benchmarks.cases import read_csv
 from envs.distribution import Distribution
 from sim2real.identification.methods.base import FitContext
 from sim2real.identification.methods.matching import Matching
@@ -53,7 +54,7 @@ def test_a_robot_s_rows_are_replaced_and_the_others_stay(tmp_path: Path) -> None
         for k in range(2)
     ]
     bands.keep(rows, tmp_path)
-    assert bands.read(tmp_path / "bands.csv") == rows
+    assert read_csv(tmp_path / "bands.csv") == rows
     text = (tmp_path / "bands.md").read_text(encoding="utf-8")
     assert "| xl330 | 2 | 9" in text and "0.85 [0.80, 0.90]" in text
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.cases import read_csv
 from benchmarks.easi import quad8, quad8_report
 from benchmarks.easi.__main__ import main
 from benchmarks.easi.plan import SHIFTS, Plan
-from benchmarks.easi.report import read_csv
 from benchmarks.easi.steps import prior
 from envs.distribution_file import write
 from sim2real.identification.outcome import FILE
