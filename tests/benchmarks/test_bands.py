@@ -24,9 +24,7 @@ def test_every_log_is_held_out_once() -> None:
     assert splits[0][1] != [0, 1, 2]
 
 
-def test_a_distribution_is_of_its_logs_and_read_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_distribution_is_of_its_logs_and_read_again(tmp_path: Path, monkeypatch) -> None:
     """Two robots: the distribution is that of the one whose logs are given."""
     rng = np.random.default_rng(0)
     values = np.repeat([[1.0, -2.0], [3.0, 2.0]], 4, axis=0)

@@ -10,9 +10,7 @@ import pytest
 from benchmarks import blindcheck
 
 
-def test_it_goes_on_in_its_folder_and_keeps_the_tables(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_it_goes_on_in_its_folder_and_keeps_the_tables(tmp_path: Path, monkeypatch) -> None:
     """The folder is the one that it resumes; table, cases and picture land in the results."""
     commands = []
 

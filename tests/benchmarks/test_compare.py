@@ -94,9 +94,7 @@ def test_the_table_counts_each_kind(tmp_path: Path) -> None:
     assert "all unchanged | 1 |" in text and "1 further changes" in text
 
 
-def test_a_pair_that_is_there_is_not_made_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_pair_that_is_there_is_not_made_again(tmp_path: Path, monkeypatch) -> None:
     """The second run adds what the first one lacks."""
     made: list[int] = []
 

@@ -43,9 +43,7 @@ def test_the_page_counts_tables(table: Path, capsys: pytest.CaptureFixture[str])
     assert "| **another engine, sealed draws** | 4 | 2 | 0.50" in text
 
 
-def test_a_folder_without_tables_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_folder_without_tables_is_refused(tmp_path: Path, capsys) -> None:
     """It says which folder, and what is missing in it."""
     with pytest.raises(SystemExit):
         main(["--results", str(tmp_path)])

@@ -67,9 +67,7 @@ def plan(tmp_path: Path, seeds: tuple[int, ...] = (0, 1)) -> Plan:
     return Plan(1000, seeds, tmp_path / "runs", tmp_path / "results", ("eval.episodes=25",))
 
 
-def test_each_run_is_trained_once_and_evaluated_by_its_methods(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_run_is_trained_once_and_evaluated_by_its_methods(tmp_path: Path, monkeypatch) -> None:
     """Three trainings and four evaluations a seed: es_dr is evaluated with and without adapting."""
     shell = Shell(monkeypatch)
     run(plan(tmp_path))
@@ -140,9 +138,7 @@ def test_the_cells_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert (float(last["before"]), float(last["after"])) == (2010.0, 2110.0)
 
 
-def test_a_job_that_fails_ends_the_benchmark(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_job_that_fails_ends_the_benchmark(tmp_path: Path, capfd) -> None:
     """The message says what failed, its status, and that starting again goes on."""
     with pytest.raises(SystemExit) as stop:
         hopper_grid.do("+experiment=no_such_experiment", f"hydra.run.dir={tmp_path}")

@@ -178,9 +178,7 @@ def trainings(
     return jobs
 
 
-def test_a_training_is_done_once_and_its_figures_stay(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_training_is_done_once_and_its_figures_stay(tmp_path: Path, monkeypatch) -> None:
     """A complete run is skipped; the rows of runs that are elsewhere stay in the table."""
     jobs = trainings(monkeypatch, lambda number: 0.0)
     plan = train.Plan({"toy": ["+experiment=nav2d"]}, tmp_path / "out", tmp_path / "seeds.csv")
@@ -200,9 +198,7 @@ def test_a_training_is_done_once_and_its_figures_stay(
     assert "mujoco" in table[1]["versions"] and "+experiment=nav2d" in table[1]["command"]
 
 
-def test_an_evaluation_after_training_gives_the_figures(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_evaluation_after_training_gives_the_figures(tmp_path: Path, monkeypatch) -> None:
     """It follows the training, is what counts, and is all that is done again where it failed."""
     levels = {2: None, 3: 10.0}
     jobs = trainings(monkeypatch, lambda number: levels.get(number, 0.0))
@@ -238,9 +234,7 @@ def leave_scores(folder: Path, more: float = 0.0) -> None:
     (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
 
 
-def test_a_policy_is_trained_once_for_several_evaluations(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_policy_is_trained_once_for_several_evaluations(tmp_path: Path, monkeypatch) -> None:
     """Each has figures of its own, and the policy's own stay where they are."""
     jobs = trainings(monkeypatch, lambda number: float(number))
     do, then = ["+experiment=nav2d"], ["adapt=noisy"]

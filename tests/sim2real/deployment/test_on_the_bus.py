@@ -93,9 +93,7 @@ class Before(Transform):
 
 
 @pytest.mark.parametrize("cut", [True, False])
-def test_somebody_s_own_transform_and_actor_drive_the_emulated_bus(
-    cut: bool, tmp_path: Path
-) -> None:
+def test_somebody_s_own_transform_and_actor_drive_the_emulated_bus(cut: bool, tmp_path) -> None:
     """The log has what they say of what the task observed; returns are not rounded on the way.
 
     An episode may end by a transform before its task ends it.

@@ -88,9 +88,7 @@ def test_a_case_keeps_its_secret(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert all(model is not None and model.is_file() for model in models)
 
 
-def test_what_a_robot_cannot_show_is_drawn_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_robot_cannot_show_is_drawn_again(tmp_path: Path, monkeypatch) -> None:
     """Pairs and effects to remove, the same ones for the same seed; single effects are not."""
     asked: list[tuple[str, ...]] = []
     monkeypatch.setattr(cases, "exam_robot", lambda name, logs: None)

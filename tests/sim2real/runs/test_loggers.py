@@ -75,9 +75,7 @@ def test_a_service_that_is_down_is_said(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("kind", "extra"), [(WandB, "wandb"), (MLflow, "mlflow")])
-def test_a_missing_package_names_its_extra(
-    kind: Any, extra: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_package_names_its_extra(kind: Any, extra: str, monkeypatch) -> None:
     """Without its package a logger cannot be made, and the sentence says what to install."""
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(LoggerError, match=rf"sim2real\[{extra}\]"):

@@ -102,9 +102,7 @@ def test_an_exam_goes_on_where_it_stopped(exam, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_answered_is_scored_and_called_a_part(
-    exam, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_answered_is_scored_and_called_a_part(exam, tmp_path: Path, monkeypatch) -> None:
     """`most` cases are asked and no more; the tables say how many of how many there are."""
     out, marks = exam
     part = tmp_path / "part"
@@ -121,9 +119,7 @@ def test_what_is_answered_is_scored_and_called_a_part(
     assert not json.loads((part / "score.json").read_text())["partial"]
 
 
-def test_a_block_is_sealed_before_its_first_question(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_block_is_sealed_before_its_first_question(tmp_path: Path, monkeypatch) -> None:
     """Two are made, sealed and asked, then the next one; whoever stops has made no more."""
     told: list[str] = []
 
@@ -159,9 +155,7 @@ def test_a_block_is_sealed_before_its_first_question(
 
 
 @pytest.mark.slow
-def test_after_ctrl_c_what_is_answered_is_scored(
-    exam, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_after_ctrl_c_what_is_answered_is_scored(exam, tmp_path: Path, monkeypatch) -> None:
     """The tables are there, and the interrupt goes on to whoever called."""
     out, _ = exam
     part = tmp_path / "part"

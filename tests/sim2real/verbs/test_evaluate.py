@@ -255,9 +255,7 @@ def test_the_verb_puts_trained_runs_into_one_table(tmp_path: Path) -> None:
     assert "bootstrap over 2 training runs" in (tmp_path / "out" / "table.md").read_text("utf-8")
 
 
-def test_all_runs_are_checked_before_the_first_is_evaluated(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_all_runs_are_checked_before_the_first_is_evaluated(tmp_path: Path, monkeypatch) -> None:
     """A run of another task among them is refused at once, whatever its place."""
     small = ["algorithm.pairs=2", "algorithm.num_rows=16", "adapt.queries=2", "policy=linear"]
     for name in ("nav2d", "corners4"):

@@ -172,9 +172,7 @@ ROBOTS_TRIED = ["arm6", pytest.param("koch", marks=KOCH)]
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", ROBOTS_TRIED)
-def test_the_page_in_virtual_time(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_page_in_virtual_time(name: str, tmp_path: Path, monkeypatch) -> None:
     """The page line by line, its port in this process: no machine is too busy for it."""
     monkeypatch.chdir(tmp_path)
     lines, robot = lines_for(name, tmp_path)
@@ -201,9 +199,7 @@ def test_the_page_in_virtual_time(
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", ROBOTS_TRIED)
-def test_the_page_as_it_is_typed(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_page_as_it_is_typed(name: str, tmp_path: Path, monkeypatch) -> None:
     """The page alone in two terminals, in real time over the device file."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))

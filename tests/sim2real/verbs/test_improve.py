@@ -159,9 +159,7 @@ def test_a_loop_that_was_killed_ends_alike(
 
 
 @pytest.mark.slow
-def test_logs_of_a_robot_that_is_elsewhere(
-    run: Path, tmp_path: Path, diagnosed: list[list[Any]]
-) -> None:
+def test_logs_of_a_robot_that_is_elsewhere(run: Path, tmp_path, diagnosed: list[list[Any]]) -> None:
     """Its logs take the place of the first deployment; nothing moves, and the policy is trained."""
     go(run, tmp_path / "made", hidden(tmp_path), "rounds=1")
     logs = tmp_path / "made" / "round_0" / "deploy" / "logs"
@@ -224,9 +222,7 @@ def test_what_cannot_be_is_refused_before_anything_moves(
     assert not (tmp_path / "out" / "round_0").exists()
 
 
-def test_the_operator_s_no_moves_nothing(
-    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_operator_s_no_moves_nothing(run: Path, tmp_path: Path, monkeypatch) -> None:
     """A real robot's port is not even opened; nobody at the terminal is a no, too."""
     asked: list[str] = []
 
