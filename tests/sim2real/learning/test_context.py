@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from sim2real.config.compose import compose, instantiate
-from sim2real.learning.algorithms.base import Algorithm, build
+from sim2real.config.compose import compose
+from sim2real.learning.algorithms.base import Algorithm
 from sim2real.learning.environment import EnvironmentFactory, environment_of
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
+from tests.sim2real.trained import make_learner
 
 HOPPER = ["env=hopper", "params=mass_friction", "transforms=with_params"]
 ROBOTS = np.array([[1.0, 1.5], [9.0, 2.5], [5.0, 2.25], [11.0, 0.2]])
@@ -39,8 +39,7 @@ def hopper(*words: str) -> EnvironmentFactory:
 
 def learner(words: list[str]) -> Algorithm:
     """Return what trains."""
-    _, given = instantiate(compose(words), Path())
-    return build(given["algorithm"], given["parts"])
+    return make_learner(words)
 
 
 @pytest.fixture(scope="module")

@@ -123,12 +123,7 @@ def test_a_block_is_sealed_before_its_first_question(tmp_path: Path, monkeypatch
     """Two are made, sealed and asked, then the next one; whoever stops has made no more."""
     told: list[str] = []
 
-    class Fake:
-        longest, block = 60.0, 2
-
-        def __init__(self, most: int | None) -> None:
-            self.most = most
-
+    class Fake(blindcheck.Examiner):
         def draw(self, seed: int) -> list[Outline]:
             return [Outline(f"case_{i:03d}", "none", "bench1", (), i) for i in range(3)]
 
@@ -138,17 +133,14 @@ def test_a_block_is_sealed_before_its_first_question(tmp_path: Path, monkeypatch
             write_text(key / KEY, "{}")
             return True
 
-        def report(self, folder: Path, drawn: int, seed: int) -> list:
-            raise NotImplementedError("nothing is scored")
-
     def ask(logs: Path, answer: Path, longest: float) -> None:
         assert logs.name in seal.cases(logs.parent)
         told.append(f"asked {logs.name}")
         write_text(answer / "report.json", "{}")
 
     monkeypatch.setattr(blindcheck, "ask", ask)
-    fake = Fake(None)
-    blindcheck.hold(Fake(1), fake.draw(0), tmp_path)
+    fake = Fake(longest=60.0, block=2)
+    blindcheck.hold(replace(fake, most=1), fake.draw(0), tmp_path)
     assert told == ["made case_000", "made case_001", "asked case_000"]
     blindcheck.hold(fake, fake.draw(0), tmp_path)
     assert told[3:] == ["asked case_001", "made case_002", "asked case_002"]

@@ -18,7 +18,7 @@ from sim2real.config.compose import compose, instantiate
 from sim2real.evaluation.evaluate import Evaluation, find_runs, report, run_cells
 from sim2real.evaluation.grid import Grid
 from sim2real.learning.adapt import Adaptation, HillClimb, NoAdaptation
-from sim2real.learning.algorithms.base import Algorithm, Components, build
+from sim2real.learning.algorithms.base import Algorithm, Components
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.modules.acting import Acting
 from sim2real.learning.modules.mlp_policy import MLPPolicy
@@ -32,6 +32,7 @@ from sim2real.learning.population.population import (
 )
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
+from tests.sim2real.trained import make_learner, run_verb
 
 GOALS = Grid(
     [
@@ -244,8 +245,7 @@ def test_the_verb_puts_trained_runs_into_one_table(tmp_path: Path) -> None:
         learner = verb(**arguments | {"out": out})
         (out / "manifest.json").write_text(json.dumps({"seed": seed}), encoding="utf-8")
     again = ["run=evaluate", f"checkpoint={tmp_path / 'sweep'}", "eval.adaptations=1"]
-    verb, arguments = instantiate(compose(["+experiment=nav2d", *small, *again]), tmp_path / "out")
-    scores = verb(**arguments)
+    scores = run_verb(["+experiment=nav2d", *small, *again], tmp_path / "out")
     assert scores.runs == ("seed 3", "seed 4")
     assert scores.frames[1] == learner.frames
     assert (scores.after[0] != scores.after[1]).any()
@@ -272,8 +272,7 @@ def test_all_runs_are_checked_before_the_first_is_evaluated(tmp_path: Path, monk
 def test_a_policy_that_does_not_adapt_is_scored_in_every_cell(tmp_path: Path) -> None:
     """An untrained PPO policy, near 0 everywhere: each goal's score is that of standing still."""
     words = ["env=nav2d", "params=goals", "algorithm=ppo", "eval=grid_goals"]
-    _, arguments = instantiate(compose(words), tmp_path)
-    learner = build(arguments["algorithm"], arguments["parts"])
+    learner = make_learner(words, tmp_path)
     scores = run_cells(learner, evaluation(episodes=3, adaptations=2), 0, "run")
     still = run_cells(Still(NoAdaptation()), evaluation(episodes=3, adaptations=2), 0, "run")
     assert scores.adaptation_episodes == 0 and scores.after.shape == (1, 6, 2)
@@ -287,8 +286,7 @@ def test_every_operator_adapts_every_policy(trainer: str, tmp_path: Path) -> Non
     """The actor of PPO and of SAC is a vector, too; the same seed adapts it alike."""
     words = ["env=nav2d", "env.max_steps=20", "params=goals", f"algorithm={trainer}"]
     words.append("policy.actor.num_cells=[16]")
-    _, arguments = instantiate(compose(words), tmp_path)
-    learner = build(arguments["algorithm"], arguments["parts"])
+    learner = make_learner(words, tmp_path)
     asked = evaluation(episodes=1, adaptations=1)
     for name in ("hillclimb", "average", "batch", "gradient"):
         adapt = instantiate(compose([*words, f"adapt={name}"]), tmp_path)[1]["parts"].adapt
@@ -306,8 +304,7 @@ def test_a_policy_in_a_population_gets_what_it_gets_alone(tmp_path: Path) -> Non
     """The same parameters under the same seeds, transforms with frozen statistics included."""
     words = ["env=hopper", "params=mass_friction", "algorithm=ppo", "algorithm.num_rows=4"]
     words += ["algorithm.steps=64", "env.task.max_steps=60"]
-    _, arguments = instantiate(compose(words), tmp_path)
-    learner = build(arguments["algorithm"], arguments["parts"])
+    learner = make_learner(words, tmp_path)
     learner.iterate()
     trained = learner.trained()
     values = np.array([[1.0, 2.0], [4.0, 1.5], [8.0, 2.5]])
@@ -329,8 +326,7 @@ def test_ppo_adapts_what_ppo_trained_by_its_critic(tmp_path: Path) -> None:
     """
     words = ["env=nav2d", "env.max_steps=20", "params=goals", "algorithm=ppo"]
     words += ["policy.actor.num_cells=[16]", "adapt.rounds=2", "adapt.steps=30", "adapt=ppo"]
-    _, arguments = instantiate(compose([*words, "run=evaluate", "checkpoint=none"]), tmp_path)
-    learner = build(arguments["algorithm"], arguments["parts"], adapts=False)
+    learner = make_learner([*words, "run=evaluate", "checkpoint=none"], tmp_path, adapts=False)
     learner.iterate()
     critic = learner.trained().critic
     assert critic is not None and critic.unit != 1.0

@@ -21,9 +21,9 @@ from hardware.command_line import parse_keys
 from hardware.config import Robot, load_robot
 from hardware.robot_files import ROBOTS
 from sim2real.config.arguments import as_overrides
-from sim2real.config.compose import compose, instantiate
 from tests.hardware.person import places_of
 from tests.hardware.test_wizard import Desk as VirtualDesk
+from tests.sim2real.trained import run_verb
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGE = ROOT / "docs" / "first_robot.md"
@@ -188,8 +188,7 @@ def test_the_page_in_virtual_time(name: str, tmp_path: Path, monkeypatch) -> Non
             overrides = as_overrides(words[1:])
             out = next(o.partition("=")[2] for o in overrides if o.startswith("hydra.run.dir="))
             kept = [o for o in overrides if not o.startswith("hydra.run.dir=")]
-            verb, arguments = instantiate(compose(kept), Path(out))
-            verb(**arguments)
+            run_verb(kept, Path(out))
         else:
             assert commands.main(words[3:], desk.person) == 0, line
     assert not desk.world.firmware.torque_on.any()

@@ -14,14 +14,13 @@ import yaml
 from envs.distribution_file import read
 from envs.effects import load_effects, make, write_effects
 from hardware.log import read_logs, write_log
-from sim2real.config.compose import compose, instantiate
 from sim2real.deployment.trained import load_policy
 from sim2real.diagnosis.report import text
 from sim2real.loops.improve import checks, improve, steps
 from sim2real.loops.improve.improve import Improvement
 from sim2real.runs.checkpoint import read_metadata
 from sim2real.runs.errors import RunInterrupted, Sim2RealError
-from tests.sim2real.trained import SMALL_ES, train
+from tests.sim2real.trained import SMALL_ES, run_verb, train
 
 WEAK = 0.3  # of the motor's torque, as the robot has it
 FOUND = (0.29, 0.31)  # what the diagnosis says: a 90 % interval about 0.3
@@ -73,8 +72,7 @@ def go(run: Path, out: Path, *text: str, **changes: Any) -> Improvement:
     (out / ".hydra").mkdir(parents=True, exist_ok=True)
     given = [word for word in yaml.safe_load((run / ".hydra" / "overrides.yaml").read_text())]
     (out / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump([*given, *line]))
-    verb, arguments = instantiate(compose(line), out)
-    return verb(**(arguments | changes))
+    return run_verb(line, out, **changes)
 
 
 def told(out: Path) -> dict[str, Any]:
