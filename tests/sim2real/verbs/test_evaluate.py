@@ -240,12 +240,12 @@ def test_the_verb_puts_trained_runs_into_one_table(tmp_path: Path) -> None:
     small = ["algorithm.pairs=2", "algorithm.num_rows=16", "adapt.queries=2"]
     for seed in (3, 4):
         own = [f"seed={seed}", "iterations=1", "eval=none"]
-        verb, arguments = instantiate(compose(["+experiment=nav2d", *small, *own]), tmp_path)
         out = tmp_path / "sweep" / str(seed)
-        learner = verb(**arguments | {"out": out})
+        learner = run_verb(["+experiment=nav2d", *small, *own], out)
         (out / "manifest.json").write_text(json.dumps({"seed": seed}), encoding="utf-8")
     again = ["run=evaluate", f"checkpoint={tmp_path / 'sweep'}", "eval.adaptations=1"]
-    scores = run_verb(["+experiment=nav2d", *small, *again], tmp_path / "out")
+    verb, arguments = instantiate(compose(["+experiment=nav2d", *small, *again]), tmp_path / "out")
+    scores = verb(**arguments)
     assert scores.runs == ("seed 3", "seed 4")
     assert scores.frames[1] == learner.frames
     assert (scores.after[0] != scores.after[1]).any()
@@ -260,13 +260,11 @@ def test_all_runs_are_checked_before_the_first_is_evaluated(tmp_path: Path, monk
     small = ["algorithm.pairs=2", "algorithm.num_rows=16", "adapt.queries=2", "policy=linear"]
     for name in ("nav2d", "corners4"):
         own = [f"+experiment={name}", "iterations=1", "eval=none"]
-        verb, arguments = instantiate(compose([*small, *own]), tmp_path)
-        verb(**arguments | {"out": tmp_path / name})
+        run_verb([*small, *own], tmp_path / name)
     again = ["run=evaluate", f"checkpoint=[{tmp_path / 'nav2d'},{tmp_path / 'corners4'}]"]
-    verb, arguments = instantiate(compose(["+experiment=nav2d", *small, *again]), tmp_path / "out")
     monkeypatch.setattr(Evaluation, "assess", lambda *_: pytest.fail("the first was evaluated"))
     with pytest.raises(Sim2RealError, match="corners4"):
-        verb(**arguments)
+        run_verb(["+experiment=nav2d", *small, *again], tmp_path / "out")
 
 
 def test_a_policy_that_does_not_adapt_is_scored_in_every_cell(tmp_path: Path) -> None:
