@@ -1,6 +1,6 @@
 """Identification: find out which robot it is, and tell the policy.
 
-    operator = Identify(episodes=3, last=3, find=find).within(trained.environment)
+    operator = Identify(episodes=3, last=3, find=find).bind_environment(trained.environment)
     session = operator.start(theta, rng)
     while (candidate := session.ask()) is not None:  # theta, and behind it what it is to believe
         value, log = run_one_episode(candidate)
@@ -145,17 +145,13 @@ class IdentifySession(Session):
 
     def __init__(self, operator: Identify, theta: np.ndarray, seed: int) -> None:
         if operator.told is None:
-            raise Sim2RealError("adapt=identify: call within(environment) before start")
-        self._recipe, self._told = operator, operator.told
+            raise Sim2RealError("adapt=identify: call bind_environment(environment) before start")
+        self._operator = self._recipe = operator
+        self._told = operator.told
         self._theta, self._seed = np.array(theta, np.float32), seed
         self._values: list[float] = []
         self._logs: list[Log] = []
         self._found: list[np.ndarray] = []
-
-    @property
-    def episodes_left(self) -> int:
-        """Episodes still to be run."""
-        return self._recipe.episodes - len(self._values)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -196,10 +192,7 @@ class IdentifySession(Session):
             Sim2RealError: when the adaptation is done, for a value that is not finite, for an
                 episode without a log, or one that the identification refuses.
         """
-        if self.episodes_left == 0:
-            raise Sim2RealError(f"adaptation: all {self._recipe.episodes} episodes have been told")
-        if not np.isfinite(value):
-            raise Sim2RealError(f"adaptation: returns must be finite numbers, got {value}")
+        self._check(value)
         if log is None:
             raise Sim2RealError(
                 f"adaptation: the return {value:.4g} came without a log, and adapt=identify finds "

@@ -1,7 +1,7 @@
 """Adaptation by one policy gradient from whole episodes, as MAML adapts (Finn et al. 2017).
 
     operator = PolicyGradient(trajectories=20, rate=0.1, surrogate="likelihood", advantage=judge)
-    session = operator.of(trained.actor(theta)).start(theta, rng)
+    session = operator.bind_policy(trained.actor(theta)).start(theta, rng)
     while (candidate := session.ask()) is not None:
         session.tell(value, steps)                  # of an episode whose actions were drawn
     adapted = session.result                        # theta + rate * gradient of the return
@@ -102,7 +102,7 @@ class PolicyGradient(Adaptation):
         """
         if self.law is None:
             raise Sim2RealError(
-                "adapt=policy_gradient: say which policy adapts, by operator.of(actor)"
+                "adapt=policy_gradient: say which policy adapts, by bind_policy(actor)"
             )
         return PolicyGradientSession(self, self.law, theta)
 

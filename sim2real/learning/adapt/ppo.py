@@ -1,7 +1,8 @@
 """Adaptation by PPO: a few rounds of clipped updates of actor and critic (Schulman et al. 2017).
 
     operator = PPOAdaptation(rounds=6, steps=512, epochs=4, minibatch_size=64, ...)
-    session = operator.of(trained.actor(theta), trained.critic).start(theta, rng)
+    policy = trained.actor(theta), trained.critic
+    session = operator.bind_policy(*policy).start(theta, rng)
     while (candidate := session.ask()) is not None:
         session.tell(value, steps)                  # of an episode whose actions were drawn
     adapted = session.result                        # the actor's parameters
@@ -92,7 +93,7 @@ class PPOAdaptation(ClippedSettings, Adaptation):
         Raises Sim2RealError before `bind_policy`.
         """
         if self.law is None or self.value is None or self.critic is None:
-            raise Sim2RealError("adapt=ppo: say which policy adapts, by operator.of(actor, critic)")
+            raise Sim2RealError("adapt=ppo: say which policy adapts, by bind_policy(actor, critic)")
         return self.law, self.value, self.critic
 
     def start(self, theta: np.ndarray, rng: np.random.Generator) -> PPOSession:

@@ -60,18 +60,12 @@ class StepsSession(Session):
             Sim2RealError: when the adaptation is done, without steps, or for values that are not
                 finite.
         """
-        if self.episodes_left == 0:
-            raise Sim2RealError(
-                f"adaptation: all {self._operator.episodes} episodes have been told"
-            )
+        self._check(value, *(x for x in steps or () if x is not None))
         if steps is None:
             raise Sim2RealError(
                 f"adaptation: {self._operator} needs each episode's steps beside its return; give "
                 "tell(value, steps)"
             )
-        told = (value, *(x for x in steps if x is not None))
-        if not all(np.isfinite(x).all() for x in told):
-            raise Sim2RealError("adaptation: returns and steps must be finite numbers")
         self._values.append(float(value))
         self._steps.append(steps)
         self._digest()

@@ -264,7 +264,7 @@ def test_what_cannot_be_is_refused_in_a_sentence() -> None:
         one.tell(0.0, steps)
     with pytest.raises(Sim2RealError, match="all 3 episodes have been told"):
         one.tell(0.0, episodes()[0])
-    with pytest.raises(Sim2RealError, match=r"operator\.of\(actor, critic\)"):
+    with pytest.raises(Sim2RealError, match=r"bind_policy\(actor, critic\)"):
         ADAPT.start(theta, np.random.default_rng(0))
     with pytest.raises(Sim2RealError, match="here is none; train with policy=actor_"):
         ADAPT.bind_policy(policy().actor)
