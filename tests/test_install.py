@@ -1,7 +1,5 @@
 """The package as a stranger installs it: without extras, with the lowest versions that it names."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

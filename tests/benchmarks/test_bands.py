@@ -1,7 +1,5 @@
 """The benchmark of bands: what is held out, and what is not repeated."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

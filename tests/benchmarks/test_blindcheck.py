@@ -1,7 +1,5 @@
 """The exam as a long comparison: it resumes in its own folder and keeps what people read."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

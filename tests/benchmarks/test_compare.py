@@ -1,7 +1,5 @@
 """The benchmark of `compare`: what it hides, and how an answer is scored."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """EASI's study does each step once, in order, and says what it found; demonstrations are whole."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

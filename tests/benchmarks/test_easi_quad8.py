@@ -1,7 +1,5 @@
 """EASI on quad8: walks on the emulated robot, each once and in order."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Answers that are called explained are counted from the tables of exams."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Walks whose base nobody measured, and how an answer is scored."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

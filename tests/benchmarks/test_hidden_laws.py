@@ -1,7 +1,5 @@
 """The benchmark of hidden laws: what it draws, and how an answer is scored."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

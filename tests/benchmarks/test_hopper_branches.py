@@ -1,7 +1,5 @@
 """The paired branches of one trunk: what is compared, what it says, and that nothing runs twice."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The long Hopper comparison does each run once, goes on where it stopped, and says what it has."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

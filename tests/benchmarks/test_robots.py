@@ -1,7 +1,5 @@
 """The study of servo robots does each job once, goes on where it stopped, says what it found."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The page of the seeds' tables: it is made of the committed results, and more of them fill it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The real arm's figures: errors over joints and logs, the share that closes, and the table."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The comparison of adaptation operators: its table, and its findings on a few seeds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The long transfer study does each run once, the most telling first, and can be interrupted."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

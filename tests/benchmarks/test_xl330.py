@@ -1,7 +1,5 @@
 """The real servo's figures: the gain that its PWM tells, errors with what was found, tables."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

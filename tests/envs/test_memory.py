@@ -1,7 +1,5 @@
 """What needs more memory than there is gets refused with both sizes, before anything is made."""
 
-from __future__ import annotations
-
 import resource
 import subprocess
 import sys

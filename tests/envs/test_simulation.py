@@ -1,7 +1,5 @@
 """Rows of simulations: their independence, and what happens to the one that breaks."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

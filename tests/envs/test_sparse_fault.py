@@ -1,7 +1,5 @@
 """The fault of MuJoCo 4.0.0: it is there where the warning says, and nowhere else."""
 
-from __future__ import annotations
-
 import logging
 
 import mujoco

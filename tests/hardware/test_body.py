@@ -1,7 +1,5 @@
 """The emulated robot's IMU and tracker tell where its base is, and a hand puts it back."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A calibration moves zeros, signs and limits, and is refused on another robot."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -5,8 +5,6 @@ its limits (34 ms for the maker's SDK, 10 ms for servolab's scan): it gets throu
 machine, and is tried several times on a busy one.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Old and doubled answers do not fit the time; a servo that starts anew is believed again."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

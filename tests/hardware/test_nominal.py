@@ -1,7 +1,5 @@
 """A public model gets a robot's servos as actuators, and the emulator agrees with it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -1,7 +1,5 @@
 """Folders of evaluated runs, made without training."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

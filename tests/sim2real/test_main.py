@@ -1,7 +1,5 @@
 """The command line from end to end, in this process: folders, sweeps, exit statuses."""
 
-from __future__ import annotations
-
 import errno
 import json
 import logging

@@ -1,7 +1,5 @@
 """Small trained runs on servo robots, for the verbs that read a checkpoint."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

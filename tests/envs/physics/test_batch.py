@@ -1,7 +1,5 @@
 """The protocol of engines, on the one that is always there."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Which graphics library is found."""
 
-from __future__ import annotations
-
 import pytest
 
 from envs.errors import RenderError

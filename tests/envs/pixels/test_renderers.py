@@ -1,7 +1,5 @@
 """Two ways to draw: rays and OpenGL."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """One recorded run is the same log in every format, and what is damaged or unsaid is refused."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

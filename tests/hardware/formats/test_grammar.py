@@ -5,8 +5,6 @@ lost readings, what separates cells, how numbers are encoded. Where nothing was 
 person can know, the log has to be read; whatever is refused names a row or a column, and a remedy.
 """
 
-from __future__ import annotations
-
 import datetime
 import tempfile
 import time

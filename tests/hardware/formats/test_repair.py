@@ -1,7 +1,5 @@
 """What a reader mends: any clock, lost readings, angles that wrap; and what it refuses to guess."""
 
-from __future__ import annotations
-
 import datetime
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Signatures are read from sources; trees are held against them."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What is about to drive a robot is compared with it before anything moves."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

@@ -1,7 +1,5 @@
 """`deploy adapt=identify`: on the emulated servo bus the policy is told what its logs say."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

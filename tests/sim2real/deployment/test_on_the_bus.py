@@ -1,7 +1,5 @@
 """The robot is stepped as its simulation is: by a collector, with somebody's own parts."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

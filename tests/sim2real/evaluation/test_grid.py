@@ -1,7 +1,5 @@
 """A grid lays cells over the parameter space, knows the training range and refuses mistakes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

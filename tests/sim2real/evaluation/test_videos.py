@@ -1,7 +1,5 @@
 """Films: what they show, and what is said where nothing can be drawn."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """An answer is there as soon as there is a verdict."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

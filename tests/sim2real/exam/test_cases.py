@@ -1,7 +1,5 @@
 """Cases of an exam: a balanced draw from one seed, and folders that keep the secret."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from pathlib import Path

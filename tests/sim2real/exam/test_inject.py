@@ -1,7 +1,5 @@
 """Known effects in real logs: what is made wrong, and what undoes it."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

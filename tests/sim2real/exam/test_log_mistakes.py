@@ -1,7 +1,5 @@
 """Mistakes of logs: what each does to the columns, and which are drawn."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Scoring: made-up answers against made-up keys, rule by rule."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

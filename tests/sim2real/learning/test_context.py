@@ -1,7 +1,5 @@
 """Policies that are told their robot's parameters: what they see, and what is refused."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """When a loop ends, what its operator says, and what its simulators draw."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Files are whole or absent, have the permissions of any other file; a folder has one holder."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

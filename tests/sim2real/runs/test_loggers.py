@@ -1,7 +1,5 @@
 """Metrics reach their places; a place that is not there is refused before any work."""
 
-from __future__ import annotations
-
 import importlib.util
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a person sees of a job, in a terminal and elsewhere."""
 
-from __future__ import annotations
-
 import io
 import logging
 

@@ -1,7 +1,5 @@
 """The exam from end to end, with a diagnosis that is told the truth, or nothing."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import time

@@ -1,7 +1,5 @@
 """The verb `compare`: its files, its exit status, and what it refuses."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

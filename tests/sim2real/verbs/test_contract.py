@@ -1,7 +1,5 @@
 """The verb `contract`: on logs of a robot and of others, its files and its exit status."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The verb `convert`: any log as ours, or a first mapping of its columns."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The log of the diagnosis's demo is what its recipe makes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

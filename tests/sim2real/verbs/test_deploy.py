@@ -1,7 +1,5 @@
 """Deploying: the policy on the emulated robot, adapting there, interrupted and gone on."""
 
-from __future__ import annotations
-
 import csv
 import json
 import logging

@@ -1,7 +1,5 @@
 """A real servo whose data sheet is wrong: what a diagnosis of its logs says."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Evaluation runs every cell fairly and repeatably, and reports what it ran."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, field, replace
 from functools import partial

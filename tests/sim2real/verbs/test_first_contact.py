@@ -1,7 +1,5 @@
 """A stranger's log in each format: converted and replayed by what messages say, as typed."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

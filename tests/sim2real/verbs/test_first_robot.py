@@ -1,7 +1,5 @@
 """The page on the first real robot, as it is typed: from servos with ID 1 to a diagnosed log."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

@@ -1,7 +1,5 @@
 """The verb identify: from a log to distribution.yaml, which training takes; and what is refused."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The loop in one command, with a diagnosis that is given: its rounds, its ends, its resuming."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Improve by returns: trainings under distributions, judged on a target or on the emulated bus."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A task that stands for the robot in `improve`: its episodes, their replays, and a round."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

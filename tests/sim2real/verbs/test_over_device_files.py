@@ -1,7 +1,5 @@
 """The verbs at device files, in real time, beside programs that are not ours."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from collections.abc import Callable

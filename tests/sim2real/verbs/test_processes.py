@@ -1,7 +1,5 @@
 """No verb leaves a process behind: each runs in a session of its own, which is empty then."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

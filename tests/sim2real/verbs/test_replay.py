@@ -1,7 +1,5 @@
 """The verb replay, on logs that a model made itself and on real ones."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """The report puts runs into the tables that it names, with the study's figures beside them."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The robots that people own, from a scan to torque off, on the emulator in virtual time."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

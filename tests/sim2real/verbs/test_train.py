@@ -1,7 +1,5 @@
 """The training loop on an algorithm of a few lines: files, signals, full disks, resuming."""
 
-from __future__ import annotations
-
 import csv
 import errno
 import logging

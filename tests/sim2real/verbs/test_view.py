@@ -1,7 +1,5 @@
 """The live view: everything but the window, and the film where there is no display."""
 
-from __future__ import annotations
-
 import time
 from contextlib import contextmanager
 from pathlib import Path

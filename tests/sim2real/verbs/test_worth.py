@@ -1,7 +1,5 @@
 """The verb `worth`: its files, and what it refuses."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The two fidelities: constants from registers, and how near the emulated bus each comes."""
 
-from __future__ import annotations
-
 import logging
 from typing import Any
 

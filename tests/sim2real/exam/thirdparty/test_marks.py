@@ -1,7 +1,5 @@
 """Marks of the exam on other engines: each kind's rule, and the tables."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

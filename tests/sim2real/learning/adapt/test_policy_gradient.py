@@ -1,7 +1,5 @@
 """Adaptation by a policy gradient: its advantages, its sessions, and what it refuses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

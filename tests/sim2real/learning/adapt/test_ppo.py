@@ -1,7 +1,5 @@
 """Adaptation by PPO: held against TorchRL's, member by member, in sessions, and what it refuses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Any

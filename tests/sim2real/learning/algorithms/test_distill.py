@@ -1,7 +1,5 @@
 """RMA's student: what it sees, that it learns, and that a resumed training is the same."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Evolution strategies over policies that adapt by PPO: rows, shards, resuming, learning."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """ES-MAML over actors of tensordict modules: perceptrons, networks of a user's, with a memory."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

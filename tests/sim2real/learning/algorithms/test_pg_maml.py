@@ -1,7 +1,5 @@
 """PG-MAML: rows keep their tasks, it resumes, it adapts on Nav-2D, and what it refuses."""
 
-from __future__ import annotations
-
 import logging
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """SAC: that an update is Stable-Baselines3's, that it resumes, that it learns."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial

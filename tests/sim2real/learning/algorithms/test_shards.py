@@ -1,7 +1,5 @@
 """Rows over the cores of a machine."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import psutil

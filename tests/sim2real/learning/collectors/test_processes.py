@@ -1,7 +1,5 @@
 """The collector of several processes: batches that a seed repeats, a training, and a clean end."""
 
-from __future__ import annotations
-
 import multiprocessing
 from typing import Any
 

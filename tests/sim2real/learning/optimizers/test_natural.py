@@ -1,7 +1,5 @@
 """The natural-gradient step: on a quadratic, within its trust region, and where there is none."""
 
-from __future__ import annotations
-
 import logging
 from typing import Any
 

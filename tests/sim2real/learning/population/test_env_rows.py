@@ -1,7 +1,5 @@
 """Environments with transforms as rows: each row plays its own episode, whatever the others do."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 
