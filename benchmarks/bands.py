@@ -13,8 +13,6 @@ mean. docs/logs.md says where the logs are from; they are no part of this projec
 diagnoses have a folder; what is there is not repeated.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence

@@ -9,8 +9,6 @@ Runs the experiments `blindcheck` and, with SIM2REAL_DATA set, `blindcheck_real`
 own below `outputs/bench_long`, and copies tables and pictures into the results.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

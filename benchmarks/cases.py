@@ -8,8 +8,6 @@ A case is called seed-number. Its rows stand in one CSV file, which is written a
 that a study goes on where it was stopped, and several seeds share a file.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import logging

@@ -14,8 +14,6 @@ named if it is reported first, or as an equivalent of what is; intervals are exa
 A row a pair in `compare.csv`; a pair that is there is not made again.
 """
 
-from __future__ import annotations
-
 import argparse
 import logging
 import os

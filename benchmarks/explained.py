@@ -8,8 +8,6 @@ a hidden effect at its place; where nothing is hidden, or an effect was withheld
 wrong.
 """
 
-from __future__ import annotations
-
 import csv
 import sys
 from collections.abc import Sequence

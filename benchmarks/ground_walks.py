@@ -6,8 +6,6 @@
 Gait and drawn offsets to it are open-loop commands; every other episode begins in mid-gait.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

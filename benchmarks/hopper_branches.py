@@ -18,8 +18,6 @@ seeds (0 to 5). Returns of two trainings differ by 190 (standard deviation over 
 All other contrasts are secondary: their intervals are printed and no claim rests on one alone.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from pathlib import Path

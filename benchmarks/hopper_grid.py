@@ -11,8 +11,6 @@ by 15 frictions, and writes hopper_grid.csv, .md and .png, after every run anew.
 Each run has a folder of its own: what is complete is skipped, what was interrupted is resumed.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import sys

@@ -12,8 +12,6 @@ the emulated robot. A robot that costs the policy less than the noise has no gap
 not counted.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Sequence

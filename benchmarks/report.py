@@ -1,7 +1,5 @@
 """What a speed comparison leaves behind: bench.json, a table for people, and a picture."""
 
-from __future__ import annotations
-
 import json
 import os
 import platform

@@ -12,8 +12,6 @@ Each run has a folder of its own: what is complete is skipped, what was interrup
 Several of these programs may run at once and share the work.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import resource

@@ -5,8 +5,6 @@
 Figures that a seed does not have yet are left out; a claim says how many seeds it stands on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path

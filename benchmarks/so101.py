@@ -16,8 +16,6 @@ explains. All rows count; a note says what is left in the others. Positions alon
 docs/logs.md says where the logs are from; they are no part of this project.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Sequence

@@ -7,8 +7,6 @@ After each round of seeds `run=report` writes its tables and pictures. Several p
 same plan at once and share the work.
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

@@ -14,8 +14,6 @@ noise. The "steps" rows spend the same 51 to 55 episodes on rules that change th
 steps, or run the incumbent again in each round.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import time

@@ -14,8 +14,6 @@ docs/logs.md says where the logs are from; they are no part of this project. Eac
 folder; what is there is not repeated.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Sequence

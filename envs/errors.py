@@ -1,7 +1,5 @@
 """What a user of the simulated worlds can get wrong, one class a mistake."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable
 

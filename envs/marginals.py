@@ -7,8 +7,6 @@ Correlated draws are a Gaussian copula: correlated normal numbers are turned int
 each law turns its own into values.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal, get_args

@@ -1,7 +1,5 @@
 """Where a robot's MJCF is: a file of the project, or the user's own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -19,8 +19,6 @@ Source: lerobot/motors/motors_bus.py, `set_half_turn_homings`, `record_ranges_of
 `_normalize`; the servos' manuals, Homing Offset(20) and Drive Mode(10).
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

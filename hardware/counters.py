@@ -1,7 +1,5 @@
 """What happened to the requests to one servo, as counts."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 
 

@@ -1,7 +1,5 @@
 """What a driver checks before any torque goes on; each refusal is one sentence with its remedy."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

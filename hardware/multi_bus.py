@@ -9,8 +9,6 @@ all together. Torque-off is told to every bus first, and then verified bus by bu
 of the others.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Sequence
 

@@ -1,7 +1,5 @@
 """What a robot's file is made of: servos, buses, an IMU, a supply."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any

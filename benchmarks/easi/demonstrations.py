@@ -6,8 +6,6 @@ A trajectory has as many steps as the task's longest episode; where an episode e
 one begins within it. Actions are drawn, as in training.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -8,8 +8,6 @@ EASI finds their parameters from what it saw and said there, and a policy is tra
 found. All policies walk on the robot.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What EASI on quad8 came to: lines of easi.csv, and a page."""
 
-from __future__ import annotations
-
 from benchmarks.easi.plan import ROUNDS, Plan, Row, truth
 from benchmarks.easi.quad8 import ROWS, TRIALS, returned
 from benchmarks.easi.report import COLUMNS, compared, figures_of, interval, merged, settings

@@ -1,7 +1,5 @@
 """What EASI's study came to: easi.csv, a page and a picture for each task."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The steps of one seed, each skipped where it is done and continued where it was stopped."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -7,8 +7,6 @@ Each task is one of ours with another interface: what the policy sees and what b
 action follow the description and nothing else.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

@@ -4,8 +4,6 @@ The run restarts from one seed each time, so that each run makes the same steps,
 be recorded once.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any, ClassVar

@@ -3,8 +3,6 @@
 The log is read from its file, and the policy from its export, each time.
 """
 
-from __future__ import annotations
-
 import tempfile
 import time
 from dataclasses import replace

@@ -4,8 +4,6 @@ Stable-Baselines3 runs as `PPO("MlpPolicy", "Hopper-v5")` does, on the CPU with 
 which it is fastest beside nothing else. Each row goes on training from where its last run stopped.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from importlib import import_module

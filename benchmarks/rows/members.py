@@ -5,8 +5,6 @@ passes, with its networks; the steps are random numbers, which cost what those o
 update is a gradient step of a member.
 """
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Any

@@ -10,8 +10,6 @@ of the row that is compared, bit for bit. The clock runs while controls are writ
 step, and stops during resets: what a reset costs is charged to the rows above, not to physics.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import NamedTuple

@@ -5,8 +5,6 @@ a random part of it with Gymnasium in two worker processes, `Evaluation.tape` is
 replays of it.
 """
 
-from __future__ import annotations
-
 import heapq
 import multiprocessing
 import time

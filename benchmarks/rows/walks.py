@@ -5,8 +5,6 @@ logs encoders and IMU alone. The policy that is priced is one of linear feedback
 what a step of any small policy does.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import tempfile
 import time

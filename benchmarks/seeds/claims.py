@@ -9,8 +9,6 @@ runs of one seed are compared with each other. A verdict over fewer than five ru
 intervals are known to be too narrow.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

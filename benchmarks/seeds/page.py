@@ -7,8 +7,6 @@ from the committed tables of results. A row whose results are not there says "no
 it takes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -6,8 +6,6 @@ Each run has a folder of its own: what is complete is skipped, what was interrup
 of these programs may run at once and share the work.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack

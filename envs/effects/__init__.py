@@ -6,8 +6,6 @@
 `EFFECTS` maps the names of the vocabulary to classes; `register` adds one of the user's own.
 """
 
-from __future__ import annotations
-
 from envs.effects.appearance import (
     CameraShift,
     CameraTurn,

@@ -4,8 +4,6 @@ They belong to the same parameter space as the physical ones: an episode draws i
 light and where the camera stands as it draws masses and frictions.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar, Literal
 
 import mujoco

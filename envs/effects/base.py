@@ -12,8 +12,6 @@ An effect is absent at its parameters' neutral values: the plant then behaves as
 there.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Mapping, Sequence

@@ -17,8 +17,6 @@ for any stiffness. Under `RK4`, which does not, bristles stiffer than the step c
 stiffest that it can.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

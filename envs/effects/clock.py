@@ -1,7 +1,5 @@
 """A log's clock that runs at another rate than the robot's time."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from envs.effects.base import BOTH, PLAIN, Effect

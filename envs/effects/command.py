@@ -1,7 +1,5 @@
 """Effects between a command and the servo's goal: lost packets, delay, motion profile."""
 
-from __future__ import annotations
-
 import math
 import zlib
 from typing import ClassVar, Literal

@@ -1,7 +1,5 @@
 """An encoder whose disc or magnet is off its axis."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from envs.effects.base import RULES, Effect

@@ -1,7 +1,5 @@
 """What an effect says about its scalars: further ones, and how large an exam hides it."""
 
-from __future__ import annotations
-
 import math
 from typing import Literal, NamedTuple
 

@@ -4,8 +4,6 @@ It is written into the engine's own friction loss before each substep, so that a
 exactly instead of chattering about zero speed.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 

@@ -5,8 +5,6 @@ true when it sampled (`imu_delay`), times the gyro's scale, plus its bias, in ax
 against those that the model gives it (`imu_mounting`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, ClassVar
 

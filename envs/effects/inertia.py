@@ -1,7 +1,5 @@
 """Effects on what a body weighs and where, and on which way is down."""
 
-from __future__ import annotations
-
 from typing import Any, ClassVar, Literal, get_args
 
 import mujoco

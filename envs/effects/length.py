@@ -3,8 +3,6 @@
 make("link_length", where="pole")      # a factor; 2 is twice as long, as heavy as before
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import ClassVar
 

@@ -1,7 +1,5 @@
 """When sensors sampled: readings that are older than the moment at which they are reported."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

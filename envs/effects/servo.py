@@ -4,8 +4,6 @@ A *servo* here is an actuator of the affine kind, force = g u + b0 + b1 length +
 < 0, as MuJoCo's `position` makes it. A *motor* has no b1 and b2.
 """
 
-from __future__ import annotations
-
 import itertools
 from typing import ClassVar
 

@@ -6,8 +6,6 @@ does not. A current-driven motor keeps its law and loses only limit. Servos are 
 voltage-driven, motors as current-driven, unless `drive` says so.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal

@@ -3,8 +3,6 @@
 python -c "from envs.effects.table import page; open('docs/effects.md', 'w').write(page())"
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 from envs.effects import EFFECTS, Effect

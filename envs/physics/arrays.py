@@ -6,8 +6,6 @@
 What steps with the simulations (a task, a measurement) is written in that API once, for both.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Where a camera's pixels look, and where things appear in its image."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

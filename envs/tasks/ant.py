@@ -1,7 +1,5 @@
 """Ant: four legs in three dimensions, rewarded for moving along x and staying off the ground."""
 
-from __future__ import annotations
-
 from typing import Literal, get_args
 
 from envs.errors import TaskError, refuse_unknown

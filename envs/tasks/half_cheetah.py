@@ -1,7 +1,5 @@
 """HalfCheetah: a planar runner that is rewarded for speed and never falls."""
 
-from __future__ import annotations
-
 from envs.physics.arrays import Array
 from envs.tasks.base import GymnasiumTask, State
 

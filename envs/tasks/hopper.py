@@ -5,8 +5,6 @@ studies: velocities are not clipped, the step on which it falls is paid too, and
 torso is one kilogram lighter.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar, Literal
 
 import mujoco

@@ -1,7 +1,5 @@
 """InvertedPendulum: the continuous CartPole, a pole on a cart, rewarded for each step upright."""
 
-from __future__ import annotations
-
 from envs.physics.arrays import Array
 from envs.tasks.base import GymnasiumTask, State
 

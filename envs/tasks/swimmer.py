@@ -1,7 +1,5 @@
 """Swimmer: three links in a viscous fluid that are rewarded for swimming forward."""
 
-from __future__ import annotations
-
 from envs.physics.arrays import Array
 from envs.tasks.base import GymnasiumTask, State
 

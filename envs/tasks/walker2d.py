@@ -1,7 +1,5 @@
 """Walker2d: two legs that are rewarded for walking forward and staying upright."""
 
-from __future__ import annotations
-
 from envs.physics.arrays import Array
 from envs.tasks.base import GymnasiumTask, State
 

@@ -26,8 +26,6 @@ In the servos, at `start`:
     blackout        no supply until `stop`; then all servos reboot
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -8,8 +8,6 @@ play or a spring gets a second joint beside its own, between gear and link. The 
 is the motor's side.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

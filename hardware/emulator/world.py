@@ -8,8 +8,6 @@ What stands between it and a client (`loopback.py`, `pty.py`) puts a `Bus` befor
 at the same times give the same answers, bit for bit.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 

@@ -19,8 +19,6 @@ another clock (a speed) is interpolated to that moment, all others are the lates
 Needs the extra `ros` (mcap, mcap-ros2-support, rosbags).
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.util import find_spec

@@ -16,8 +16,6 @@ lie under `reading` in its metadata.
 * Angles that come in at the other end of a turn are made continuous.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """The JSON file beside a log: what is known besides the numbers."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

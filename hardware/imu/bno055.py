@@ -14,8 +14,6 @@ Source: Bosch, "BNO055 Data sheet" (BST-BNO055-DS000), 3.3 operation modes, 3.6.
 register map, 4.7 UART protocol.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from typing import NamedTuple

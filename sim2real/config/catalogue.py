@@ -1,7 +1,5 @@
 """What conf/ offers, read from its files alone: groups, their choices, and a line on each."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Renamed keys and verbs that ended: whoever types the old name is given the new one."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 RENAMED = {

@@ -11,8 +11,6 @@ The normalizer is in the program. Before anything is written, all three are comp
 observations, wild ones among them.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import logging

@@ -10,8 +10,6 @@ The episodes before and after adaptation start alike, so that the starts' random
 their difference. What is saved between two episodes is enough to go on in another process.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple

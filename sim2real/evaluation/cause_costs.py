@@ -10,8 +10,6 @@ along drawn orders. A cause's cost is its Shapley value: by how much it lowers t
 over all orders in which causes could be put right. Costs add up to what all causes cost together.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace

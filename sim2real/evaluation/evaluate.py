@@ -10,8 +10,6 @@ random starts cancel in the difference. Every cell, adaptation and episode is a 
 batches. A policy of any algorithm adapts, by the parameters of its actor.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Callable, Sequence

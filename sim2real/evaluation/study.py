@@ -11,8 +11,6 @@ different numbers of steps; steps within a tenth of each other count as one budg
 with a whole iteration.
 """
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence

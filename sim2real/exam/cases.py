@@ -13,8 +13,6 @@ A case is two folders. Who diagnoses gets the one with the logs: `a.csv` and `b.
 holds the key, and a log that nothing is fitted to.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace

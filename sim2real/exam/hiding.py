@@ -10,8 +10,6 @@ the channels instead: sensor_noise, quantization, velocity_filter, packet_loss. 
 have no contacts, and these servos no derivative gain.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

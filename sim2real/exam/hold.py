@@ -11,8 +11,6 @@ own that is given one folder of `logs/`, and leaves its answer in `answers/`. On
 of the answered cases read, and checked against the hashes that were written with the logs.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import time

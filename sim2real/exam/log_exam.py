@@ -12,8 +12,6 @@ The robots are emulated ones; in some of them an effect is hidden as well. Rules
 * A hidden effect is found if a cause of kind `robot` has its name and place.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """What a case is before it is made: its outline."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 KEY = "key.json"  # what a case's key is called in its folder

@@ -7,8 +7,6 @@ The gap of an effect is the RMS difference between the robot with and without it
 same motion under the same noise; the floor is that of the robot from itself under other noise.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Callable, Sequence

@@ -8,8 +8,6 @@ each generation asks where it is likely to be below the least one that is expect
 2020). Numbers that are all above 0, as sums of squares are, are looked at by their logarithm.
 """
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 from typing import Any
 

@@ -9,8 +9,6 @@ it was stopped; what the score has learned is loaded there. The file is whole or
 arrays alone.
 """
 
-from __future__ import annotations
-
 import zipfile
 from pathlib import Path
 from typing import Any

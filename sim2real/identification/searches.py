@@ -7,8 +7,6 @@
 All randomness follows from the seed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """Every number that steers an identification and is no argument of a class in `conf/identify`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from sim2real.diagnosis.settings import setting

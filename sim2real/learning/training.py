@@ -12,8 +12,6 @@ how to resume. A second Ctrl-C abandons the iteration. On a full disk the run st
 up to there are whole.
 """
 
-from __future__ import annotations
-
 import logging
 import signal
 import time

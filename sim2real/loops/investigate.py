@@ -10,8 +10,6 @@ refitting to what the other would show (`diagnosis.experiments.apart`); the one 
 similar of those that can be parted part fastest is recorded next.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Callable, Sequence

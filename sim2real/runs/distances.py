@@ -8,8 +8,6 @@ Samples are sorted and their kernels summed once, so that many sets of groups ar
 as resampling asks for. A group weighs the same however many samples it has.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 TINY = 1e-9  # a spread below which a column says nothing

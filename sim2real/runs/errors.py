@@ -1,7 +1,5 @@
 """What a user can get wrong above the simulated worlds, and how a run says that it was stopped."""
 
-from __future__ import annotations
-
 import errno
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)

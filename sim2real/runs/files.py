@@ -4,8 +4,6 @@ A file is written beside its name, then moved into place (`hardware.files.atomic
 folder whose being there says that a step is done.
 """
 
-from __future__ import annotations
-
 import os
 import secrets
 import shutil

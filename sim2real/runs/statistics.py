@@ -14,8 +14,6 @@ What is resampled decides what the interval speaks about, so `resample` has no d
 A statistic takes values (..., n, C) and reduces the last two axes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Literal, NamedTuple
 

@@ -8,8 +8,6 @@ Numbers keep their full precision in the CSV and three to four digits in Markdow
 is None: an empty field, and "–" in Markdown.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import math

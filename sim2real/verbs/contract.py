@@ -4,8 +4,6 @@ Exit status: 0 where the contract holds, 3 where it is broken, 4 where the log h
 could be compared.
 """
 
-from __future__ import annotations
-
 import logging
 from pathlib import Path
 

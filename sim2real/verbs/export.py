@@ -5,8 +5,6 @@ robot's file; where they have changed since, correct it. Before anything is writ
 policy.npz and the policy itself are compared on a thousand observations, wild ones among them.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from pathlib import Path

@@ -13,8 +13,6 @@ where the model takes torques, a base that moves freely and of which neither pos
 logged.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from pathlib import Path

@@ -6,8 +6,6 @@
 `conf/robot/NAME.yaml` explains every key. Only what decides how the robot moves is read here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

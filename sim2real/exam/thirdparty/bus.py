@@ -5,8 +5,6 @@ arrivals = bus.arrivals(stamps, rng)            # (T,) s
 seen = bus.read(stamps, times, path, rng)       # (T, n) rad, in counts of the encoder
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -9,8 +9,6 @@ halves are drawn from one seed and share no case: one is for mending and calibra
 opened once.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections.abc import Sequence

@@ -9,8 +9,6 @@ is the Stribeck curve. The deflection moves by its exact solution over a step, s
 makes it unstable.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

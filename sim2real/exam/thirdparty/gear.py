@@ -7,8 +7,6 @@ Play is a dead band in the spring's twist. Within it nothing is transmitted; at 
 is as stiff as given, and its damper pushes but never pulls the sides together.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

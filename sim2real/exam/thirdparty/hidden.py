@@ -8,8 +8,6 @@ A size is a positive number in which every effect grows from nothing. Laws are t
 beside this one; the names are the vocabulary's, and nothing else is shared with it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

@@ -9,8 +9,6 @@ count of the encoder. Sizes are such that the gap of an effect is log-uniform be
 floors; under a dirty background it is at least twice the background's.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -17,8 +17,6 @@ Rules, beside those of `sim2real.exam.score`:
   right (outside laws, a nominal model that is off), it is wrong.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

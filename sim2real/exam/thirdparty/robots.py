@@ -9,8 +9,6 @@ The nominal model is what an honest user has: gains, limits, inertia and frictio
 and in its actuators the delay that was measured once: the bus's and half a tick of the firmware.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -12,8 +12,6 @@ motor driven by voltage brakes itself by its back-EMF, current or not; one with 
 not, and has a torque that falls off near its no-load speed.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

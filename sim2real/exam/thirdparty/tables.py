@@ -5,8 +5,6 @@
 Shares have Wilson's 95 % intervals, medians the bootstrap's.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

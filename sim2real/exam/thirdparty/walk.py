@@ -7,8 +7,6 @@ The commands (T, n) are those of a walk; legs, servos and bus are as in `rig`, f
 `ground`. Nothing measures where the base is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any

@@ -3,8 +3,6 @@
 found = method.fit(provider, prior, data)
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path

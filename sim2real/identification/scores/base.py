@@ -6,8 +6,6 @@
 is what an aligned score compares: so many rows on from each measured state, None for whole windows.
 """
 
-from __future__ import annotations
-
 from typing import Any, Protocol
 
 import numpy as np

@@ -3,8 +3,6 @@
 Columns are divided by their deviation in the real data, so that no unit counts more than another.
 """
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 
 import numpy as np

@@ -11,8 +11,6 @@ behind them the critic's. One member's update is that of `torchrl.objectives.Cli
 equation 16), which a test holds it against; `torch.func.vmap` makes it that of all members.
 """
 
-from __future__ import annotations
-
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -8,8 +8,6 @@ After Duan et al. 2016, "Benchmarking deep reinforcement learning for continuous
 whole or end at step T, where nothing follows; so a policy that has a few of them needs no critic.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch

@@ -5,8 +5,6 @@
 What was told is kept, and a session that is loaded is told the same again.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What settings of algorithms must be, a sentence for each that is not."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import Any
 

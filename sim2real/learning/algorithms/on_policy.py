@@ -7,8 +7,6 @@ One iteration takes `steps` steps in each of `num_rows` rows, estimates advantag
 it to `_learn`. Each part is TorchRL's, or any with its interface.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Iterator
 from typing import Any

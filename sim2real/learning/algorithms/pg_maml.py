@@ -11,8 +11,6 @@ returns, differentiated through the adaptation. With `ClippedSteps` and a surrog
 ProMP (Rothfuss et al. 2019).
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Any

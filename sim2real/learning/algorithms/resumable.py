@@ -1,7 +1,5 @@
 """What algorithms with a collector and networks share: their checkpoints, exact to the bit."""
 
-from __future__ import annotations
-
 from copy import deepcopy
 from typing import Any, ClassVar
 

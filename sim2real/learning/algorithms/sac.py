@@ -11,8 +11,6 @@ many gradient steps as are due. Each part is TorchRL's, or any with its interfac
 the time limit cuts off goes on in its value; one that the task ends does not.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Any

@@ -9,8 +9,6 @@
 environment is told to draw anew (`RowsEnv.randomize`).
 """
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import numpy as np

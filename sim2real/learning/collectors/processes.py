@@ -9,8 +9,6 @@ draw their actions by seeds of their own, so that a seed gets the same batches a
 than in one process.
 """
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Iterator
 from functools import partial

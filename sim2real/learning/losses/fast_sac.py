@@ -16,8 +16,6 @@ It draws as `SACLoss` does: after the same seed both get the same actions. On an
 the CPU `SACLoss` itself computes.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

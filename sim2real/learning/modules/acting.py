@@ -1,7 +1,5 @@
 """Deterministic policies of raw observations: as a torch module, and as TorchRL steps with it."""
 
-from __future__ import annotations
-
 from typing import ClassVar, Literal
 
 import numpy as np

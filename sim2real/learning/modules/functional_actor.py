@@ -9,8 +9,6 @@ Modules of tensordicts and losses that hold parameters fight nested differentiat
 one vector (P,) to tensors does not. The vector holds the actor's parameters in their order.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -8,8 +8,6 @@ itself. Training moves all of them; `LatentSearch` adapts z alone: few dimension
 turn into ways to act (Yu et al. 2020, "Learning fast adaptation with meta strategy optimization").
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -7,8 +7,6 @@
 The counterpart of `Law`: the vector holds the critic's parameters in their order.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

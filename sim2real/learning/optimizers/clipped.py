@@ -1,7 +1,5 @@
 """The other step of PG-MAML: gradient steps on a clipped objective, as ProMP takes them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from sim2real.runs.errors import Sim2RealError

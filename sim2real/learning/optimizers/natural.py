@@ -10,8 +10,6 @@ divergence `max_kl`, and a line search shortens it until the objective has risen
 itself is below the limit.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass

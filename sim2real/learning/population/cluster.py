@@ -13,8 +13,6 @@ for bit on the same kind of processor, and the episodes of a worker that dies ru
 Every machine needs the same Python packages and this project, installed or at the same path.
 """
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import logging

@@ -14,8 +14,6 @@ E f(m + sigma g) g / sigma (Nesterov and Spokoiny 2017; Salimans et al. 2017). R
 are of Salimans et al.; keeping the best directions is augmented random search (Mania et al. 2018).
 """
 
-from __future__ import annotations
-
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any, Literal

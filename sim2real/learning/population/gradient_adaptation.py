@@ -7,8 +7,6 @@ The counterpart of `evaluate_adaptation`, whose episodes report returns alone. A
 while the policy adapts, and are the law's means in the episodes that score it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from torch.func import vmap

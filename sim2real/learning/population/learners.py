@@ -9,8 +9,6 @@ begins again at once. After a round all members of a shard learn side by side. W
 to depends on its parameters, its robot and its seeds alone, to the last bit.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -18,8 +18,6 @@ is in the corrected simulator, and deploys again. Its folder holds, in this orde
 A step whose files are there is not done again, so that a loop that was killed goes on at that step.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Sequence

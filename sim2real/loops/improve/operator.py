@@ -7,8 +7,6 @@
 Nobody at the terminal is a no.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -9,8 +9,6 @@ enters the distance of each episode; returns are then distance [m] less the task
 the robot and in simulation alike.
 """
 
-from __future__ import annotations
-
 import logging
 import shutil
 from collections.abc import Sequence

@@ -9,8 +9,6 @@ Returns of a round are of the same starts on the robot and in the simulator that
 trained in, so that their differences are taken start by start.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field

@@ -11,8 +11,6 @@ in flight, leaves the recording soon whatever the model; restarted often, what i
 model's errors stays measurable.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
