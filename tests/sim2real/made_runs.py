@@ -9,10 +9,7 @@ import yaml
 
 from sim2real.evaluation.transfer import TransferScores, write
 
-ROBOTS: dict[str, dict[str, Any]] = {
-    "source": {"domain": "source"},
-    "target": {"domain": "target"},
-}
+ROBOTS: dict[str, dict[str, Any]] = {"source": {"domain": "source"}, "target": {"domain": "target"}}
 
 
 def make_run(

@@ -165,14 +165,8 @@ def test_the_traceback_is_there_on_demand(run: Run, monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        (
-            OSError(errno.ENOSPC, "No space left on device"),
-            "this run: No space.*free some",
-        ),
-        (
-            PermissionError(errno.EACCES, "Permission denied", "/ro/x"),
-            "/ro/x: Perm.*out=FOLDER",
-        ),
+        (OSError(errno.ENOSPC, "No space left on device"), "this run: No space.*free some"),
+        (PermissionError(errno.EACCES, "Permission denied", "/ro/x"), "/ro/x: Perm.*out=FOLDER"),
         (MemoryError("Unable to allocate 27 GiB"), "more memory than there is .Unable"),
         (ValueError("std::bad_alloc"), "more memory than there is"),
         (RuntimeError("DefaultCPUAllocator: can't allocate memory"), "more memory than there is"),

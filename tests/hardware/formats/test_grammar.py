@@ -93,10 +93,7 @@ def clock(kind: str) -> dict[str, list[Any]]:
             start = datetime.datetime.fromtimestamp(ORIGIN, datetime.UTC)
             return {"time": [(start + datetime.timedelta(seconds=t)).isoformat() for t in TIME]}
     nanos = [round(1e9 * float(t)) for t in TIME]
-    return {
-        "sec": [ORIGIN + n // 10**9 for n in nanos],
-        "nanosec": [n % 10**9 for n in nanos],
-    }
+    return {"sec": [ORIGIN + n // 10**9 for n in nanos], "nanosec": [n % 10**9 for n in nanos]}
 
 
 def write(drawn: Drawn, folder: Path) -> Path:

@@ -7,16 +7,7 @@ import numpy as np
 import pytest
 
 from sim2real.exam import matrix
-from sim2real.exam.score import (
-    Mark,
-    calibration,
-    cases,
-    failures,
-    mark,
-    median,
-    summary,
-    wilson,
-)
+from sim2real.exam.score import Mark, calibration, cases, failures, mark, median, summary, wilson
 
 JOINTS, BODIES = ["shoulder", "elbow"], {"upper": "shoulder", "fore": "elbow"}
 
