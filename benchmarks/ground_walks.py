@@ -54,11 +54,7 @@ WALKERS = {
 
 
 def walks(
-    name: str,
-    hidden: Sequence[Entry],
-    seed: int,
-    episodes: int = EPISODES,
-    pose: bool = False,
+    name: str, hidden: Sequence[Entry], seed: int, episodes: int = EPISODES, pose: bool = False
 ) -> list[Log]:
     """Return logs of an emulated robot's walks, one an episode.
 

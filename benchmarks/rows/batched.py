@@ -10,11 +10,7 @@ from typing import Any, ClassVar
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import (
-    AddStateIndependentNormalScale,
-    TensorDictModule,
-    TensorDictModuleBase,
-)
+from tensordict.nn import AddStateIndependentNormalScale, TensorDictModule, TensorDictModuleBase
 from torch import nn
 from torchrl.collectors import Collector
 from torchrl.envs import Compose, EnvBase, TransformedEnv

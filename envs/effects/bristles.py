@@ -86,11 +86,7 @@ class Bristles(SubstepRule):
         self._z[rows], self._decay[rows], self._running[rows] = z, decay, True
 
     def _first(
-        self,
-        at: Block,
-        speed: np.ndarray,
-        stiffness: np.ndarray,
-        level: np.ndarray,
+        self, at: Block, speed: np.ndarray, stiffness: np.ndarray, level: np.ndarray
     ) -> np.ndarray:
         """Return how far a start bends the bristles: a joint at rest is held as far as they can."""
         held = np.clip(self._smooth[at], -level, level)

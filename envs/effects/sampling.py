@@ -85,13 +85,7 @@ class SamplingDelay(Measurement):
             qvel[row] = v[old] + s * (v[new] - v[old])
 
     def _between(
-        self,
-        q0: Array,
-        q1: Array,
-        v0: Array,
-        v1: Array,
-        s: Array,
-        dt: Array | float,
+        self, q0: Array, q1: Array, v0: Array, v1: Array, s: Array, dt: Array | float
     ) -> Array:
         """Return positions at a share s (n, 1) of the way between states: cubic in time."""
         past = q0 + s * (q1 - q0)

@@ -66,10 +66,7 @@ def read(folder: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
 
 
 def _more(
-    state: dict[str, np.ndarray],
-    rows: np.ndarray,
-    joints: Sequence[str],
-    factors: dict[str, float],
+    state: dict[str, np.ndarray], rows: np.ndarray, joints: Sequence[str], factors: dict[str, float]
 ) -> dict[str, np.ndarray]:
     """Speeds and currents of these rows, by the name of the column."""
     columns = {}

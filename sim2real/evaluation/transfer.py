@@ -113,11 +113,7 @@ class Transfer:
             env_with_robot(algorithm.parts.environment, robot, dict(changes))
 
     def assess(
-        self,
-        algorithm: Algorithm,
-        seed: int,
-        name: str,
-        progress: Report | None = None,
+        self, algorithm: Algorithm, seed: int, name: str, progress: Report | None = None
     ) -> TransferScores:
         """Run one trained policy on every robot.
 

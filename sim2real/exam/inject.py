@@ -117,11 +117,7 @@ SIZES: Mapping[str, Mapping[str, Range]] = {
         "position_gain": (0.4, 1.0),
         "link_mass": (0.4, 1.0),
     },
-    "so101": {
-        "position_gain": (0.5, 1.5),
-        "link_mass": (0.7, 2.5),
-        "coulomb_friction": (1.0, 1.0),
-    },
+    "so101": {"position_gain": (0.5, 1.5), "link_mass": (0.7, 2.5), "coulomb_friction": (1.0, 1.0)},
 }
 
 

@@ -34,17 +34,7 @@ import numpy as np
 from hardware.log import Log
 
 COMMAND, READING, SPEED = "ctrl", "qpos", "qvel"
-KINDS = (
-    "row_shift",
-    "reversal",
-    "scale",
-    "offset",
-    "turn",
-    "unit",
-    "clock",
-    "swap",
-    "column_map",
-)
+KINDS = ("row_shift", "reversal", "scale", "offset", "turn", "unit", "clock", "swap", "column_map")
 PAIRED = ("swap", "column_map")  # needs two joints
 SPEEDLESS = ("offset", "turn")  # of a position; its speed is right
 MOST_ROWS = 3  # that a column is shifted by

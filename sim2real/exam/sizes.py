@@ -98,12 +98,7 @@ def _place(
     return None
 
 
-def search(
-    secret: Secret,
-    wanted: float,
-    least: float,
-    gap: Gap,
-) -> tuple[float, float] | None:
+def search(secret: Secret, wanted: float, least: float, gap: Gap) -> tuple[float, float] | None:
     """Find the size of an effect that makes a gap: by the secant in logarithms, kept in brackets.
 
     Args:

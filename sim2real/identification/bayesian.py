@@ -42,11 +42,7 @@ class Bayesian:
         self.first, self.population, self.generations = first, population, generations
 
     def minimize(
-        self,
-        evaluate: Evaluate,
-        prior: Space,
-        seed: int,
-        on_turn: OnTurn | None = None,
+        self, evaluate: Evaluate, prior: Space, seed: int, on_turn: OnTurn | None = None
     ) -> SearchResult:
         """Search within the prior's ends; see `Search`."""
         low, width = prior.low, prior.high - prior.low

@@ -42,11 +42,7 @@ class PooledSamples:
     """
 
     def __init__(
-        self,
-        samples: np.ndarray,
-        group: np.ndarray,
-        rng: np.random.Generator,
-        directions: int = 64,
+        self, samples: np.ndarray, group: np.ndarray, rng: np.random.Generator, directions: int = 64
     ) -> None:
         ways = rng.standard_normal((samples.shape[1], directions))
         along = samples @ (ways / np.linalg.norm(ways, axis=0))  # (N, P)

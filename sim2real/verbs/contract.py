@@ -17,11 +17,7 @@ log_ = logging.getLogger(__name__)
 
 
 def run(
-    *,
-    log: str | list[str] | None,
-    actor: str | None,
-    observation: str | None,
-    out: Path,
+    *, log: str | list[str] | None, actor: str | None, observation: str | None, out: Path
 ) -> Answer:
     """Check a policy's interface on logs.
 

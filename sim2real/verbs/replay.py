@@ -37,11 +37,7 @@ log_ = logging.getLogger(__name__)
 
 
 def run(
-    *,
-    log: str | list[str] | None,
-    model: str | None,
-    effects: str | None,
-    out: Path,
+    *, log: str | list[str] | None, model: str | None, effects: str | None, out: Path
 ) -> list[Gap]:
     """Score logs under a model.
 

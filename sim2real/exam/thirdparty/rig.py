@@ -95,10 +95,7 @@ class Rig:
         stamps[1:] += HOST * rng.uniform(-1, 1, len(ctrl) - 1)
         times, path = self._run(ctrl, self.bus.arrivals(stamps, rng), stamps[-1])
         seen = self.bus.read(stamps, times, path, rng)
-        columns: dict[str, np.ndarray] = {
-            "episode": np.zeros(len(ctrl)),
-            "time": stamps,
-        }
+        columns: dict[str, np.ndarray] = {"episode": np.zeros(len(ctrl)), "time": stamps}
         columns |= {f"ctrl.{name}": ctrl[:, i] for i, name in enumerate(self.driven)}
         columns |= {f"qpos.{name}": seen[:, i] for i, name in enumerate(self.driven)}
         return Log(columns, dict(self.meta))

@@ -120,11 +120,7 @@ class Embedding(StatelessScore):
     rows = None
 
     def __init__(
-        self,
-        features: int = 300,
-        width: float = 1.0,
-        ridge: float = 1e-3,
-        compared: int = 300,
+        self, features: int = 300, width: float = 1.0, ridge: float = 1e-3, compared: int = 300
     ) -> None:
         if features < 1 or not width > 0 or not ridge > 0 or compared < 2:
             raise Sim2RealError(

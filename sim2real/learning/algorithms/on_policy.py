@@ -15,11 +15,7 @@ import torch
 from tensordict import TensorDictBase
 
 from sim2real.learning.algorithms.base import Components
-from sim2real.learning.algorithms.checks import (
-    check_at_least,
-    check_finite,
-    check_loss,
-)
+from sim2real.learning.algorithms.checks import check_at_least, check_finite, check_loss
 from sim2real.learning.algorithms.collecting import ResumableCollector
 from sim2real.learning.algorithms.resumable import CollectingAlgorithm
 from sim2real.learning.modules.actor_critic import Policy, check_policy

@@ -57,12 +57,7 @@ class FastSACLoss(SACLoss):
             have; `SACLoss` takes those.
     """
 
-    def __init__(
-        self,
-        actor_network: Any,
-        qvalue_network: Any,
-        **options: Any,
-    ) -> None:
+    def __init__(self, actor_network: Any, qvalue_network: Any, **options: Any) -> None:
         if options.pop("value_network", None) is not None:
             _refuse("value_network (the first version of SAC)")
         for name, value in options.items():

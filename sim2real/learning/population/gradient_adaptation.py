@@ -25,10 +25,7 @@ Tensor = torch.Tensor
 
 
 def adapt_to(
-    trained: TrainedPolicy,
-    adapt: PolicyGradient,
-    values: np.ndarray,
-    rng: np.random.Generator,
+    trained: TrainedPolicy, adapt: PolicyGradient, values: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, int]:
     """Adapt a policy to robots (n, P); return the parameters (n, P) and the steps that it took.
 
