@@ -10,6 +10,7 @@
     write      write a register of one servo and read it back
     reboot     reboot a servo, or all: their torque goes off
     torque     switch torque off and verify it; with on=true arm=true hold the robot until Enter
+    nominal    write the robot's MJCF with its servos as actuators, as a diagnosis needs it
     pack       one ZIP file of a folder of runs to send to others, with nothing personal in it
     emulate    an emulated robot behind a device file, for any client, until Ctrl-C; it obeys what a
                person would do: `connect JOINT`, `unplug JOINT`, `move JOINT ANGLE`
@@ -22,7 +23,7 @@ Keys:
     port=DEVICE      the serial port, such as /dev/ttyUSB0; without it an emulated robot; of several
                      buses a port each, in their order, with commas between
     file=PATH        calibrate: where to write (default: NAME.json); monitor: a calibration to
-                     apply; setup: the robot's file to make, .yaml
+                     apply; setup: the robot's file to make, .yaml; nominal: the MJCF to write
     folder=PATH      pack: what runs wrote; pack writes file=PATH
     servo=NAME       read, write, reboot: a servo by its name or ID
     register=NAME    read, write: as in the servo's manual, such as position_p_gain
@@ -59,6 +60,7 @@ from hardware.driver import Driver
 from hardware.errors import HardwareError, RobotError
 from hardware.find_port import find_port
 from hardware.monitor import monitor as show
+from hardware.nominal import write_nominal_model
 from hardware.pack import pack as pack_folder
 from hardware.scan import DetectedServo
 from hardware.scan import scan as find_servos
@@ -77,6 +79,7 @@ KEYS = {
     "write": (*AT, "servo", "register", "value", "arm"),
     "reboot": (*AT, "servo"),
     "torque": (*AT, "on", "arm"),
+    "nominal": ("robot", "model", "file"),
     "pack": ("folder", "file"),
     "emulate": ("robot", "model", "hidden", "link", "held", "factory", "seconds", "seed"),
 }
@@ -223,6 +226,13 @@ def monitor(robot: Robot, keys: Keys, ask: Ask) -> None:
     show(robot, seconds)
 
 
+def nominal(robot: Robot, keys: Keys, ask: Ask) -> None:
+    """Write the robot's MJCF with its servos as actuators."""
+    path = Path(required(keys, "file", "nominal takes robot=NAME file=PATH.xml"))
+    write_nominal_model(robot, path)
+    tell(f"wrote {path}: {robot.name} with its {len(robot.servos)} servos")
+
+
 def pack(robot: Robot, keys: Keys, ask: Ask) -> None:
     """Write a ZIP file of a folder of runs."""
     why = "pack takes folder=PATH file=PATH.zip"
@@ -245,6 +255,7 @@ _VERBS: dict[str, Callable[[Robot, Keys, Ask], None]] = {
     "write": write,
     "reboot": reboot,
     "torque": torque,
+    "nominal": nominal,
     "pack": pack,
     "emulate": emulate,
 }

@@ -1,7 +1,7 @@
 """A public model with the servos of a robot's file: their gains, limits, back-EMF and rotors.
 
-    robot = write_nominal_model(load_robot("koch", "low_cost_robot_arm.xml"), folder)
-    robot.model                             # folder/nominal.xml
+    robot = write_nominal_model(load_robot("koch", "low_cost_robot_arm.xml"), Path("koch.xml"))
+    robot.model                             # koch.xml
 
 Public models have stiff actuators, and armatures, damping and friction of all kinds of origin. Here
 each actuator becomes what its servo is by its registers, its supply and its type's data: torque =
@@ -22,18 +22,15 @@ from hardware.emulator.mechanics import TICK
 from hardware.errors import RobotError, format_names
 from hardware.files import atomic_write
 
-MODEL = "nominal.xml"
 
-
-def write_nominal_model(robot: Robot, folder: Path) -> Robot:
-    """Write the robot's model with its servos as actuators into a folder; return the robot with it.
+def write_nominal_model(robot: Robot, path: Path) -> Robot:
+    """Write the robot's model with its servos as actuators; return the robot with it.
 
     Meshes are looked for where the robot's own model has them.
 
     Raises:
         RobotError: the model cannot be read, or lacks the actuator of a servo.
     """
-    path = folder / MODEL
     with atomic_write(path) as temporary:
         temporary.write_text(nominal(robot).to_xml(), encoding="utf-8")
     return replace(robot, model=path)

@@ -116,6 +116,7 @@ class PositionGain(_Gain):
     with_gain = True
     comparable = True
     sizes = Sizes("factor", "one", 0.02, 1.2)
+    factors = (0.02, 0.1, 0.5, 0.75, 1.3, 1.8)  # models are published with stand-ins such as 1000
     symptom = (
         "a static sag under load, and steps that are faster or slower, in proportion to the error"
     )

@@ -50,7 +50,7 @@ def test_what_is_diagnosed_and_what_is_trained_are_the_same_servos(name: str, tm
 def test_the_emulator_is_near_the_nominal_model(name: str, tmp_path: Path) -> None:
     """Each robot arms, follows a motion, and its log replays within four counts RMS."""
     robot = load_robot(name, str(public_model(name, tmp_path)))
-    robot = write_stand_model(write_nominal_model(robot, tmp_path), tmp_path)
+    robot = write_stand_model(write_nominal_model(robot, tmp_path / "nominal.xml"), tmp_path)
     driver = make_driver(robot)
     driver.connect()
     driver.configure()

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.effects.base import PLAIN, RULES
+from envs.effects.base import RULES
 from sim2real.diagnosis.data.memory import Memory
 from sim2real.diagnosis.data.simulate import Run, Simulated, Simulator, key_of
 from sim2real.diagnosis.inference.candidates import Candidate
@@ -136,5 +136,5 @@ def _key(member: Candidate) -> tuple[Any, ...]:
 
 def _structure(members: Sequence[Candidate]) -> tuple[Any, ...]:
     """Return what must be the same of sets in one batch: what adds to the model, and who steps."""
-    added = tuple(_key(m) for m in members if m.group not in (PLAIN, RULES))
+    added = tuple(_key(m) for m in members if m.adds_structure)
     return (any(m.group == RULES for m in members), *added)

@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 
 from envs.effects import EFFECTS, Effect, RobotScale, make
+from envs.effects.base import PLAIN, RULES
 from envs.errors import EnvsError, did_you_mean
 from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
@@ -80,6 +81,11 @@ class Candidate:
     def shared(self) -> bool:
         """Whether one value holds for all joints or actuators."""
         return self.effect.where is None and self.effect.place in ("joint", "actuator")
+
+    @property
+    def adds_structure(self) -> bool:
+        """Whether it adds bodies or joints to the model."""
+        return self.group not in (PLAIN, RULES)
 
     @property
     def step(self) -> np.ndarray:

@@ -65,18 +65,20 @@ def compute_posterior(
 ) -> tuple[np.ndarray, float]:
     """Return the probability of each hypothesis, (n,), and of a law that is not in the vocabulary.
 
-    Odds are exponentials of log predictive densities a reading over a temperature, since readings
-    are no independent evidence. Each member costs the tolerance, which it has to win; an unknown
-    law is as good as the best hypothesis and what a free discrepancy gains beyond the tolerance.
+    What the best hypothesis gains and what a free discrepancy still gains over it are one gap, in
+    the same unit; a law that is missing has made the second, and as large a share of the first as
+    of the whole. Among the hypotheses odds are exponentials of log predictive densities a reading
+    over a temperature, since readings are no independent evidence; each member costs the tolerance,
+    which it has to win.
 
     Args:
-        scores: nats a reading.
+        scores: what each hypothesis gains over the model as given [nats a reading].
         members: of each hypothesis.
-        left: upper bound of what a free discrepancy gains over the best [nats a reading].
+        left: what a free discrepancy gains over the best [nats a reading].
         settings: tolerance and temperature.
     """
+    gained, left = max(scores[0], 0.0), max(left, 0.0)
+    unknown = left / (left + gained) if left > 0 else 0.0
     worth = np.array(scores) - settings.equivalence_tolerance * np.array(members)
-    unknown = worth.max() + left - settings.equivalence_tolerance
-    odds = np.exp((np.append(worth, unknown) - max(worth.max(), unknown)) / settings.temperature)
-    odds /= odds.sum()
-    return odds[:-1], float(odds[-1])
+    odds = np.exp((worth - worth.max()) / settings.temperature)
+    return odds / odds.sum() * (1 - unknown), unknown

@@ -13,10 +13,11 @@ import numpy as np
 
 from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.windows import Window, cut_one
 from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.inference.fit import Fit
 from sim2real.diagnosis.inference.likelihood import Likelihood
-from sim2real.diagnosis.inference.replayer import Job, Replayer, cut_whole_episodes
+from sim2real.diagnosis.inference.replayer import Job, Replayer
 from sim2real.diagnosis.inference.unknowns import cap_directions
 
 
@@ -46,3 +47,18 @@ def follows_episodes(
         for errors in (made.error, replayer.holding())
     )
     return follows + made.log_scale.sum() > stays
+
+
+def cut_whole_episodes(data: Data) -> list[Window]:
+    """Return every episode as one window, from where its first one starts."""
+    found: dict[tuple[int, int], Window] = {}
+    for window in data.windows:
+        log = data.logs[window.log]
+        rows = np.flatnonzero(log.episode == window.episode)
+        place = window.log, window.episode
+        if place not in found:
+            ends = (window.start, window.start, int(rows[-1]) + 1)
+            model, own = data.models[window.model], data.settings.windows
+            args = (window.log, window.model, model, data.joints, ends, own)
+            found[place] = cut_one(log, *args)
+    return list(found.values())

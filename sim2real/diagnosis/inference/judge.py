@@ -12,7 +12,7 @@ member as long as each wins what the tolerance asks for, and loses those that do
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -26,6 +26,7 @@ from sim2real.diagnosis.inference.decision import Standing, compute_posterior, d
 from sim2real.diagnosis.inference.distance import is_told_apart
 from sim2real.diagnosis.inference.episodes import follows_episodes
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
+from sim2real.diagnosis.inference.glance import NONE, make_glance
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import Likelihood
 from sim2real.diagnosis.inference.moves import (
@@ -38,7 +39,7 @@ from sim2real.diagnosis.inference.moves import (
     without,
 )
 from sim2real.diagnosis.inference.pushes import Pushed, find_pushes
-from sim2real.diagnosis.inference.replayer import Job, Replayer
+from sim2real.diagnosis.inference.replayer import Replayer
 from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, Gain, deal_folds
 from sim2real.diagnosis.inference.screen import (
     Line,
@@ -48,17 +49,14 @@ from sim2real.diagnosis.inference.screen import (
     pick_starts,
     trace_lines,
 )
-from sim2real.diagnosis.inference.unknowns import compute_unknowns, is_lost
+from sim2real.diagnosis.inference.unknowns import compute_unknowns
 from sim2real.diagnosis.inference.vocabulary import Vocabulary
 from sim2real.diagnosis.schema import Verdict
 
 NULLS = ("each joint stays", "each joint keeps its measured speed")
-NONE = Hypothesis(())
 SHARES = (0.05, 0.3, 0.5, 0.6, 0.7)  # of the work that is done, by the members that are known
 SURE = 4.0  # noises or counts that an error of noise alone does not reach
-LEAST = 3  # windows of a fold that changes are screened on
 APART = 2  # members by which an explanation is another one
-HALVES = 2  # half of what was fitted at a glance goes on
 
 
 @dataclass(frozen=True)
@@ -125,7 +123,8 @@ class Judge:
         self.readings = self.replayer.readings
         noise = self.replayer.noise
         self.most = np.maximum(self.replayer.count, noise) / noise  # a count, in noises
-        self.glance = self._make_glance(*self._look(NONE, np.zeros((FOLDS, 0))))
+        given, *unknown = self._look(NONE, np.zeros((FOLDS, 0)))
+        self.glance = make_glance(self.fitter, given, *unknown)
         self.traced: tuple[Fit, list[Line]] = self.given, []  # see `_refine`
 
     def judge(self, vocabulary: Vocabulary) -> Judgement:
@@ -207,41 +206,6 @@ class Judge:
         self.nulls = {n: self.fitter.of_path(e) for n, e in zip(NULLS, paths, strict=True)}
         return base, local, common
 
-    def _make_glance(self, given: np.ndarray, local: np.ndarray, common: np.ndarray) -> Fitter:
-        """Return what proposals are screened with: some windows of each fold, in longer time steps.
-
-        What longer steps change of the model as given is taken off all errors; where it is lost,
-        they would change everything.
-
-        Args:
-            given: errors of the model as given, (W, N, M).
-            local: see `Likelihood`.
-            common: see `Likelihood`.
-        """
-        seconds = sum(float(np.ptp(own)) for own in self.replayer.times)
-        every = max(HALVES, math.ceil(seconds / self.settings.glance_s))
-        steps = [max(1, min(every, len(own) // LEAST)) for own in self.fitter.sides]
-        some = [own[::step] for own, step in zip(self.fitter.sides, steps, strict=True)]
-        chosen = np.sort(np.concatenate(some))
-        data = self.data.only(chosen)
-        lost = is_lost(self.replayer, given)
-        longer = None if lost else data.stepping(self.settings.coarse_s)
-        replayer = Replayer(data if longer is None else longer, *self._rest)
-        replayer.look_at(self.replayer, chosen)
-        none = np.zeros((len(chosen), 0))
-        if longer is not None:
-            (coarse,) = replayer.replay([Job(NONE, none, replayer.every)])
-            replayer.offset = given[chosen] - coarse.error
-        likelihood = Likelihood(
-            replayer.times,
-            replayer.used,
-            replayer.noise,
-            local[chosen],
-            common[chosen],
-            self.settings,
-        )
-        return Fitter(replayer, likelihood, self.fold[chosen])
-
     def _refine(self, best: Fit, starts: Sequence[Start], tried: dict[str, Fit]) -> bool:
         """Fit what promises most beside the best into what was tried; pairs if no change does.
 
@@ -278,10 +242,8 @@ class Judge:
         for count in sorted({len(start.hypothesis.members) for start in starts}):
             own = [start for start in starts if len(start.hypothesis.members) == count]
             fits = rank_fits(self.glance.fit(own, rounds=self.settings.glances))
-            chosen = pick_distinct(fits, self.settings.refits // HALVES)
-            for fit in self.fitter.fit(map(restart, chosen), rounds):
-                if fit.label not in tried or fit.total > tried[fit.label].total:
-                    tried[fit.label] = fit
+            chosen = pick_distinct(fits, self.settings.refits // 2)
+            _keep(self.fitter.fit(map(restart, chosen), rounds), tried)
 
     def _choose(self, tried: dict[str, Fit]) -> Fit:
         """Return the shortest explanation that none longer wins against."""
@@ -307,9 +269,9 @@ class Judge:
         best = self._choose(tried)
         while len(best.hypothesis.members) > 1:
             fewer = [without(best, n) for n in range(len(best.hypothesis.members))]
-            fewer = [start for start in fewer if start.hypothesis.label not in tried]
-            for fit in self.fitter.fit(fewer):
-                tried[fit.label] = fit
+            at_once = self.fitter.fit(fewer, rounds=0)
+            pairs = zip(fewer, at_once, strict=True)
+            _keep(self.fitter.fit([s for s, f in pairs if _is_better(f, tried)]), tried)
             before, best = best, self._choose(tried)
             if best is before:
                 return best
@@ -329,14 +291,14 @@ class Judge:
         left = self.left(best)
         causes = verdict != "unexplained" or best is self.given
         if causes and left.whole > self.settings.equivalence_tolerance:
-            pushes = find_pushes(self.fitter, best, self.excess(best))
+            pushes = self._find_pushes(best)
             verdict = "partly_explained" if pushes else verdict
         rivals = rank_fits([f for f in tried.values() if f is not best and f.hypothesis.members])
         fits = [best, *rivals]
         chances, unknown = compute_posterior(
-            [fit.total / self.readings for fit in fits],
+            [(fit.total - self.given.total) / self.readings for fit in fits],
             [len(fit.hypothesis.members) for fit in fits],
-            left.gain.high,
+            left.gain.total,
             self.settings,
         )
         return Judgement(
@@ -351,6 +313,16 @@ class Judge:
             unknown,
             self,
         )
+
+    def _find_pushes(self, best: Fit) -> tuple[Pushed, ...]:
+        """Return the pushes that hold most of what an explanation leaves, if that is worth a cause.
+
+        Where one variance holds for all errors, the tolerance is this share of their squares.
+        """
+        left, least = self.excess(best), 1 - math.exp(-2 * self.settings.equivalence_tolerance)
+        if left.sum() < least * self.excess(self.given).sum():
+            return ()
+        return find_pushes(self.fitter, best, left)
 
     def _decide(self, best: Fit, tried: dict[str, Fit]) -> Verdict:
         """Return the verdict on the best of what was tried."""
@@ -398,3 +370,13 @@ class Judge:
         noise = self.replayer.noise
         before, after = (np.sqrt(np.square(f.held / noise).sum()) for f in (self.given, fit))
         return float(1 - after / before)
+
+
+def _is_better(fit: Fit, tried: Mapping[str, Fit]) -> bool:
+    """Return whether a fit predicts better than what was tried of its label, if anything was."""
+    return fit.label not in tried or fit.total > tried[fit.label].total
+
+
+def _keep(fits: Iterable[Fit], tried: dict[str, Fit]) -> None:
+    """Take the fits that are better into what was tried."""
+    tried.update({fit.label: fit for fit in fits if _is_better(fit, tried)})

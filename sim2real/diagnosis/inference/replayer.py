@@ -101,16 +101,25 @@ class Replayer:
         self.noise = np.maximum(noise, least) / data.scale  # (M,)
         self.count = np.array([joint.count for joint in data.joints]) / data.scale
         self.offset = np.zeros(())  # (W, N, M) that errors lack, where longer steps are taken
+        self.finer: Replayer | None = None  # in shorter steps, for what adds a body or a spring
         self.estimated = np.zeros((*self.rows.shape, len(self.noise), 0))  # (W, N, M, D) of starts
         if data.nuisance is not None:
             self.estimated = self._look(data.nuisance.directions(), self.every)
         self._plain = Simulator(self.data, self.fixed, on_run=on_run, work=self.work)
         self._mended: dict[Key, _Mended] = {}
 
-    def look_at(self, other: Replayer, windows: np.ndarray) -> None:
-        """Compare the same rows with the same noise as another does in some windows, (n,)."""
-        self.rows, self.used = other.rows[windows], other.used[windows]
-        self.times, self.noise, self.count = other.times[windows], other.noise, other.count
+    def part(self, windows: np.ndarray, data: Data | None = None) -> Replayer:
+        """Return a replayer of some windows, (n,), at the same rows and with the same noise.
+
+        Args:
+            windows: which.
+            data: all windows with other models of the same robot; None: as they are here.
+        """
+        own = (self.data if data is None else data).only(windows)
+        other = Replayer(own, self.fixed, self.work, self.on_run)
+        other.rows, other.used = self.rows[windows], self.used[windows]
+        other.times, other.noise, other.count = self.times[windows], self.noise, self.count
+        return other
 
     @property
     def readings(self) -> int:
@@ -119,6 +128,14 @@ class Replayer:
 
     def replay(self, jobs: Sequence[Job]) -> list[Replay]:
         """Return what each job comes to; jobs share batches, those with changed logs theirs."""
+        if self.finer is None:
+            return self._replay(jobs)
+        finer = [any(m.adds_structure for m in job.hypothesis.effects) for job in jobs]
+        made = iter(self.finer.replay([job for job, own in zip(jobs, finer, strict=True) if own]))
+        rest = iter(self._replay([job for job, own in zip(jobs, finer, strict=True) if not own]))
+        return [next(made if own else rest) for own in finer]
+
+    def _replay(self, jobs: Sequence[Job]) -> list[Replay]:
         found = [self._blank(len(job.windows)) for job in jobs]
         plain = [_Ask(n, job.windows, job.values, None) for n, job in enumerate(jobs)]
         plain = [ask for ask in plain if not jobs[ask.job].hypothesis.changes]
@@ -354,21 +371,6 @@ def skip_beginnings(data: Data, rows: int) -> Data:
             windows[place] = own._replace(usable=kept)
             mask[place, : len(kept)] = kept
     return replace(data, windows=tuple(windows), mask=mask)
-
-
-def cut_whole_episodes(data: Data) -> list[Window]:
-    """Return every episode as one window, from where its first one starts."""
-    found: dict[tuple[int, int], Window] = {}
-    for window in data.windows:
-        log = data.logs[window.log]
-        rows = np.flatnonzero(log.episode == window.episode)
-        place = window.log, window.episode
-        if place not in found:
-            ends = (window.start, window.start, int(rows[-1]) + 1)
-            model, own = data.models[window.model], data.settings.windows
-            args = (window.log, window.model, model, data.joints, ends, own)
-            found[place] = cut_one(log, *args)
-    return list(found.values())
 
 
 def _spread(mask: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:

@@ -26,7 +26,6 @@ from tests.sim2real.trained import run_verb
 ROOT = Path(__file__).resolve().parents[3]
 PAGE = ROOT / "docs" / "first_robot.md"
 FORM = ROOT / ".github" / "ISSUE_TEMPLATE" / "first_robot.yml"
-RUBS = {"arm6": "elbow", "koch": "elbow_flex"}  # the joint with the hidden friction
 ATTEMPTS = 5  # of what needs real time, on a busy machine
 
 
@@ -133,9 +132,14 @@ def test_the_page_and_the_form_go_together() -> None:
 
 
 def koch(folder: Path) -> tuple[str, Path]:
-    """Return the Koch's name and a model of it."""
+    """Return the Koch's name and a model of it, made as the page says."""
     stand_ins = pytest.importorskip("tests.hardware.stand_ins")
-    return "koch", stand_ins.public_model("koch", folder)
+    (line,) = re.findall(r"`(python -m hardware nominal robot=koch [^`]*)`", PAGE.read_text())
+    words = shlex.split(line)[3:]
+    public, made = stand_ins.public_model("koch", folder), folder / "with_servos.xml"
+    keys = parse_keys(words[0], words[1:], commands.KEYS) | {"model": public, "file": made}
+    assert commands.main([words[0], *(f"{key}={value}" for key, value in keys.items())]) == 0
+    return "koch", made
 
 
 KOCH = pytest.mark.skipif(not (ROBOTS / "koch.yaml").exists(), reason="conf/robot has no koch")
@@ -150,17 +154,16 @@ def lines_for(name: str, folder: Path) -> tuple[list[str], Robot]:
     for old, new in (
         (r"(hardware .*)robot=arm6", rf"\1robot={name} model={model}"),
         (r"record robot=arm6", f"record robot={name} robot.model={model}"),
-        ("where: elbow", f"where: {RUBS[name]}"),
     ):
         lines = [re.sub(old, new, line) for line in lines]
     return lines, load_robot(name, str(model))
 
 
-def check(name: str, folder: Path) -> None:
+def check(folder: Path) -> None:
     """Look whether the hidden friction is named, and what is to be sent is there."""
     report = json.loads((folder / "first/diagnosis/report.json").read_text())
     causes = {(cause["effect"], cause["where"]): cause["value"] for cause in report["causes"]}
-    assert causes["coulomb_friction", RUBS[name]] == pytest.approx(0.3, abs=0.08)
+    assert causes["coulomb_friction", "elbow"] == pytest.approx(0.3, abs=0.08)
     assert (folder / "first.zip").is_file()
 
 
@@ -190,7 +193,7 @@ def test_the_page_in_virtual_time(name: str, tmp_path: Path, monkeypatch) -> Non
         else:
             assert commands.main(words[3:], desk.person) == 0, line
     assert not desk.world.firmware.torque_on.any()
-    check(name, tmp_path)
+    check(tmp_path)
 
 
 @pytest.mark.slow
@@ -208,4 +211,4 @@ def test_the_page_as_it_is_typed(name: str, tmp_path: Path, monkeypatch) -> None
             again(line, desk)
     finally:
         desk.end()
-    check(name, tmp_path)
+    check(tmp_path)

@@ -55,7 +55,7 @@ def go(out: Path, *words: str) -> Any:
 def hung(name: str, folder: Path) -> Robot:
     """Return the robot on a stand, its public model with its servos as actuators."""
     robot = load_robot(name, str(public_model(name, folder)))
-    return write_stand_model(write_nominal_model(robot, folder), folder)
+    return write_stand_model(write_nominal_model(robot, folder / "nominal.xml"), folder)
 
 
 @pytest.mark.parametrize("name", FRICTION)

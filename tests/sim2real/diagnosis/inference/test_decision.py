@@ -45,12 +45,12 @@ def test_a_part_is_explained_only_if_the_simulation_comes_nearer() -> None:
 
 
 def test_the_posterior_knows_of_laws_that_are_not_in_the_vocabulary() -> None:
-    """Where much is left they are probable; where nothing is, the best hypothesis is."""
+    """They are as probable as their share of the gap; where nothing is left, the best one is."""
     sure, unknown = compute_posterior([1.0, 0.2], [1, 1], 0.0, SETTINGS)
     assert sure[0] > 0.95
-    assert unknown < 0.05
-    lost, unknown = compute_posterior([1.0, 0.2], [1, 1], 1.0, SETTINGS)
-    assert unknown > 0.95
+    assert unknown == 0.0
+    lost, unknown = compute_posterior([1.0, 0.2], [1, 1], 3.0, SETTINGS)
+    assert unknown == pytest.approx(0.75)
     assert lost.sum() + unknown == pytest.approx(1.0)
 
 

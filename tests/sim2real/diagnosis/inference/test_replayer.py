@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from sim2real.diagnosis.inference.candidates import candidates
+from sim2real.diagnosis.inference.episodes import cut_whole_episodes
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
 from sim2real.diagnosis.inference.log_changes import list_log_changes
-from sim2real.diagnosis.inference.replayer import Replayer, cut_whole_episodes, skip_beginnings
+from sim2real.diagnosis.inference.replayer import Replayer, skip_beginnings
 from tests.sim2real.diagnosis import arm
 
 ROWS = 6

@@ -13,19 +13,6 @@ from sim2real.diagnosis.diagnose import diagnose
 from sim2real.exam.measure import apart
 from tests.sim2real.diagnosis.strangers.situations import SITUATIONS, nothing
 
-OPEN = {
-    "slow_servo": "a torque limit and a push beside the right law",
-    "stiff_model": "unexplained: no gain so far from the model's is tried",
-    "policy_outputs": "a speed limit beside the right scale",
-    "slow_clock": "a drifting clock of the robot in the place of the log's",
-}
-CASES = [
-    pytest.param(name, marks=pytest.mark.xfail(strict=True, reason=OPEN[name]))
-    if name in OPEN
-    else name
-    for name in SITUATIONS
-]
-
 
 def test_a_servo_that_hides_nothing_follows_its_model(tmp_path: Path) -> None:
     """The control: the independent law and the nominal model agree to a few counts."""
@@ -44,7 +31,7 @@ def test_nothing_hidden_is_no_gap(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", SITUATIONS)
 def test_a_situation_is_named_for_what_it_is(name: str, tmp_path: Path) -> None:
     """The first cause is of the right kind, at its place, of its size; nothing else is named."""
     situation = SITUATIONS[name]
