@@ -1,4 +1,4 @@
-# make run, test, test-long, coverage, bench, bench-long, lint, docs: each sets up first what it needs, once.
+# make run, test, test-long, coverage, bench, bench-long, lint, docs, dist: each sets up first what it needs, once.
 # Needs Python 3.11 or newer (make PYTHON=...), make and a C compiler.
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
@@ -8,7 +8,7 @@ TORCH := $(shell sed -n 's/^torch==/torch==/p' constraints.txt)
 
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: run test test-long coverage docs bench bench-long lint setup graphics clean
+.PHONY: run test test-long coverage docs dist bench bench-long lint setup graphics clean
 
 run: setup
 	$(BIN)/python -m sim2real +experiment=esmaml
@@ -17,7 +17,7 @@ run: setup
 test: setup
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
-test-long: setup $(VENV)/.engines $(VENV)/.gpu
+test-long: setup $(VENV)/.engines $(VENV)/.gpu $(VENV)/.spread $(VENV)/.mjlab
 	SIM2REAL_GPU_EXTRA=1 $(BIN)/python -m pytest -m slow
 
 # The default suite, each branch counted; pyproject.toml says of what.
@@ -41,6 +41,11 @@ lint: setup
 docs: $(VENV)/.docs
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build
 
+# Wheel and source distribution, in dist/.
+dist: setup
+	$(PIP) hatchling
+	$(BIN)/python -m hatchling build
+
 setup: $(VENV)/.installed graphics
 
 $(BIN)/python:
@@ -62,6 +67,17 @@ $(VENV)/.engines: $(VENV)/.installed
 # MuJoCo Warp, whose CPU device the tests use; its kernels' cache is in $(VENV), too.
 $(VENV)/.gpu: $(VENV)/.installed
 	$(PIP) --editable '.[dev,gpu]'
+	@touch $@
+
+# Ray, Hydra's launcher for Slurm, and a library of other worlds.
+$(VENV)/.spread: $(VENV)/.installed
+	$(PIP) --editable '.[dev,ray,submitit,worlds]'
+	@touch $@
+
+# mjlab asks for another MuJoCo: an environment of its own, in which a test loads what is exported to it.
+$(VENV)/.mjlab: $(VENV)/.installed
+	$(PYTHON) -m venv $(VENV)/mjlab
+	$(VENV)/mjlab/bin/python -m pip install --quiet --disable-pip-version-check $(TORCH) mjlab==1.6.0
 	@touch $@
 
 $(VENV)/.bench: $(VENV)/.installed

@@ -9,8 +9,8 @@ twelve logs are held out three at a time, in a drawn order, and the distribution
 other nine; the SO-101's is that of the four logs that were diagnosed, and ten are held out. Each
 held-out log is replayed under a hundred draws. Asked is which share of its readings the 90 % band
 of these draws holds, and whether the draws' CRPS is below the absolute error of the distribution's
-mean. docs/logs.md says where the logs are from; they are no part of this project. Distributions and
-diagnoses have a folder; what is there is not repeated.
+mean. docs/explanation/evidence.md names the logs, which are not part of this project. Distributions
+and diagnoses have a folder; what is there is not repeated.
 """
 
 import os
@@ -65,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the tables")
     chosen = parser.parse_args(arguments)
     if chosen.data is None or not (chosen.data / FOLDERS[chosen.robot]).is_dir():
-        print("skipped: SIM2REAL_DATA names no folder with these logs (docs/logs.md)")
+        print("skipped: SIM2REAL_DATA names no such folder (docs/explanation/evidence.md)")
         return 0
     case = CASES[chosen.robot](chosen.data, chosen.out / chosen.robot)
     rows = read_csv(chosen.results / "bands.csv")

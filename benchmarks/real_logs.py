@@ -41,7 +41,8 @@ def arguments(
     chosen = parser.parse_args(words)
     if chosen.data is None or not (chosen.data / folder).is_dir():
         print(
-            f"skipped: SIM2REAL_DATA names no folder with {folder}/ (docs/logs.md)", file=sys.stderr
+            f"skipped: SIM2REAL_DATA has no {folder}/ (docs/explanation/evidence.md)",
+            file=sys.stderr,
         )
         return None
     return chosen

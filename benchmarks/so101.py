@@ -13,7 +13,7 @@ The arm touches something in some logs: its gripper is then centimetres below th
 base stands on, and joints stay where they are, whatever their goals, which no effect on the robot
 explains. All rows count; a note says what is left in the others. Positions alone part the two.
 
-docs/logs.md says where the logs are from; they are no part of this project.
+docs/explanation/evidence.md names the logs, which are not part of this project.
 """
 
 import json
@@ -32,7 +32,7 @@ from hardware.log import Log, read_log
 from sim2real.diagnosis.data.noise_floor import noise_floor
 from sim2real.diagnosis.diagnose import run_diagnosis
 from sim2real.diagnosis.outcome import write
-from sim2real.exam.inject import ARM, told
+from sim2real.exam.inject import ARM, keep_joints
 from sim2real.exam.measure import residuals
 from sim2real.runs.figures import AFTER, BEFORE, FLOOR, figure
 from sim2real.runs.files import write_text
@@ -61,7 +61,7 @@ def logs_of(data: Path, names: Sequence[str], model: Path) -> list[Log]:
 
 def diagnose(data: Path, out: Path) -> None:
     """Diagnose the logs of FIT and write all files of the diagnosis into a folder."""
-    model = write_text(out / "model.xml", told(data / "so101" / "so101.xml", ARM).to_xml())
+    model = write_text(out / "model.xml", keep_joints(data / "so101" / "so101.xml", ARM).to_xml())
 
     def tell(text: str, share: float) -> None:
         print(f"{100 * share:3.0f} %  {text}", file=sys.stderr, flush=True)

@@ -10,8 +10,8 @@ their first positions. The PWM that the servo reported is fitted by no diagnosis
 divisor, and so checks one of the values; that the gain is not the model's, a diagnosis knows from
 it, and names the gain where other effects follow the motion as well.
 
-docs/logs.md says where the logs are from; they are no part of this project. Each diagnosis has a
-folder; what is there is not repeated.
+docs/explanation/evidence.md names the logs, which are not part of this project. Each diagnosis has
+a folder; what is there is not repeated.
 """
 
 import json

@@ -35,7 +35,7 @@ class ContactForces:
         """Compute the forces in the rows ids (None: all) at their last substep."""
         batch = self._plant.batch
         for row in range(self._plant.num_rows) if ids is None else ids:
-            if self._plant.space.size:  # the row has a model of its own
+            if self._plant.space.size:  # each row has its own model
                 batch.get_model(int(row), self._model)
             batch.get_data(int(row), self._data)
             mujoco.mj_rnePostConstraint(self._model, self._data)

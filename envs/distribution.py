@@ -68,11 +68,11 @@ class Distribution:
         logs: SHA-256 of each log, by name.
         flat: directions in which the logs say nothing.
         noise: gap that is left at each joint and made by no draw, root mean square [rad or m].
-        per: "reset" draws anew for each episode; "row" once for each row.
+        per: "reset" draws for each episode; "row" once for each row.
 
     Raises:
-        ParameterError: no entries, a joint that is no correlation matrix, laws that mix particles
-            and others, particles of another number of parameters, an unknown `per`.
+        ParameterError: no entries, a joint that is not a correlation matrix, laws that mix
+            particles and others, particles of another number of parameters, an unknown `per`.
     """
 
     entries: tuple[Entry, ...]
@@ -214,4 +214,6 @@ def _check_joint(found: Distribution) -> None:
         wrong = "some of its correlations contradict each other (a negative eigenvalue)"
     else:
         return
-    raise ParameterError(f"joint is no correlation matrix: {wrong}; correct it, or leave it out")
+    raise ParameterError(
+        f"'joint' is not a correlation matrix: {wrong}. Correct it, or remove the key"
+    )

@@ -58,8 +58,8 @@ def read(
     """Return the distribution of a file.
 
     Args:
-        path: a distribution.yaml; particles lie beside it.
-        per: "reset" draws anew for each episode; "row" once for each row.
+        path: a distribution.yaml; particles lie next to it.
+        per: "reset" draws for each episode; "row" once for each row.
 
     Raises:
         ParameterError: no path, a file that is missing or no distribution, an unknown key (with the
@@ -199,7 +199,7 @@ def _plain(entry: Entry) -> Entry:
 def write(path: str | os.PathLike[str], found: Distribution) -> Path:
     """Write a distribution, whole or not at all; return its path.
 
-    Particles go into `<stem>_particles.csv` beside it, first.
+    Particles go into `<stem>_particles.csv` next to it, first.
 
     Raises:
         OSError: the file cannot be written; a former one is then untouched.
@@ -268,7 +268,7 @@ def _short(value: float) -> float:
 
 
 def _replace(path: Path, text: str) -> None:
-    """Write a text beside its name and move it into place."""
+    """Write a text under a temporary name and move it into place."""
     temporary = path.with_name(f".{path.stem}-{os.urandom(8).hex()}{path.suffix}")
     try:
         temporary.write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What a user of the simulated worlds can get wrong, one class a mistake."""
+"""Errors that a user of the simulated worlds can cause, one class per kind of mistake."""
 
 import difflib
 from collections.abc import Iterable

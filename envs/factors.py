@@ -27,7 +27,7 @@ def uniform(
     Args:
         effects: what is scaled, each with how="scale", or mappings of names as in YAML.
         width: half the range of the factors; 0 leaves the model as it is.
-        per: "reset" draws anew for each episode, "row" once for each row.
+        per: "reset" draws for each episode, "row" once for each row.
 
     Raises:
         ParameterError: a width below 0, or so large that a factor could be 0 or negative, as no
@@ -50,7 +50,7 @@ def normal(
     Args:
         effects: what is scaled, each with how="scale", or mappings of names as in YAML.
         std: standard deviation of the factors.
-        per: "reset" draws anew for each episode, "row" once for each row.
+        per: "reset" draws for each episode, "row" once for each row.
 
     Raises:
         ParameterError: a deviation that is not positive; an effect that does not scale.

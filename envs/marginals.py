@@ -23,7 +23,7 @@ UNIFORM_WIDTH = math.sqrt(12.0)  # of a uniform law, over its standard deviation
 
 @dataclass(frozen=True)
 class Marginal:
-    """How one parameter is distributed.
+    """The distribution of one parameter.
 
     Raises:
         ParameterError: an unknown law, a number that is not finite, a negative std, a mean outside
@@ -48,7 +48,7 @@ class Marginal:
         if not self.low <= self.mean <= self.high:
             raise ParameterError(
                 f"mean={self.mean:g} is not within low={self.low:g} and high={self.high:g}; "
-                "mend one of them"
+                "correct one of them"
             )
         if self.kind == "lognormal" and not self.mean > 0:
             raise ParameterError(f"mean={self.mean:g} of a lognormal law must be above 0")
@@ -57,7 +57,7 @@ class Marginal:
         """Return the law's quantiles at some shares in (0, 1), of any shape.
 
         Raises:
-            ParameterError: particles have no law of their own.
+            ParameterError: particles have no marginal distribution.
         """
         if self.kind == "particles":
             raise ParameterError("particles are drawn from their table, they have no quantiles")

@@ -1,6 +1,6 @@
 """A robot's model from its file: MJCF, or URDF with its actuators in a few lines of YAML.
 
-    spec = load_spec(Path("arm.urdf"))      # and arm.actuators.yaml beside it
+    spec = load_spec(Path("arm.urdf"))      # and arm.actuators.yaml next to it
 
     # arm.actuators.yaml: position servos, as MJCF's <position> has them
     shoulder: {joint: shoulder_pan, kp: 20.0, kv: 0.6, forcerange: [-1.5, 1.5]}
@@ -19,12 +19,14 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
+import numpy as np
 import yaml
 
 from envs.errors import TaskError, did_you_mean
 
 POSITION, MOTOR = TYPES = ("position", "motor")  # of actuators
 WORLD = "world"
+PART = "Unrecognized XML model type"  # what the engine says of a file whose root is not <mujoco>
 KEYS = (
     "joint",
     "type",
@@ -38,11 +40,15 @@ KEYS = (
 )
 FREE, BALL = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
 WIDTH = {FREE: (7, 6), BALL: (4, 3)}  # numbers in qpos and qvel of a joint; else 1 and 1
+MARKER = 1e-5  # kg: a link that weighs less is a frame, whatever its inertia says
+FLAT = 1e-4  # of a body's largest moment of inertia: the least, such as that of a rod about itself
+NO_INERTIA = 1e-15  # kg·m²
+PRODUCTS = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
 COMPILER = {"fusestatic": "false", "discardvisual": "true", "balanceinertia": "true"}
 
 
 def load_spec(path: str | Path) -> mujoco.MjSpec:
-    """Read a model; its unnamed actuators are called as what they drive.
+    """Read a model; see `named` for what has no name.
 
     Args:
         path: an MJCF or, by its ending, a URDF.
@@ -61,7 +67,8 @@ def load_spec(path: str | Path) -> mujoco.MjSpec:
         if isinstance(error, TaskError):
             raise
         words = " ".join(str(error).split())
-        raise TaskError(f"{path}: the model cannot be read: {words}") from None
+        part = PART in words and "; it is a part that other files include: give the whole model"
+        raise TaskError(f"{path}: the model cannot be read: {words}{part or ''}") from None
     _leave_out_pictures(spec, path)
     return named(spec)
 
@@ -78,6 +85,7 @@ def _leave_out_pictures(spec: mujoco.MjSpec, path: Path) -> None:
             continue
         body = geom.parent
         weighs = not body.explicitinertial and geom.mass != 0 and geom.density != 0
+        weighs &= body.name != WORLD  # nothing moves it
         if geom.contype or geom.conaffinity or weighs:
             what = "gives the body its mass" if weighs else "touches other bodies"
             raise TaskError(
@@ -111,7 +119,16 @@ def columns_of(model: mujoco.MjModel, joint: int) -> tuple[list[str], list[str]]
 
 
 def named(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    """Return the spec, its unnamed actuators called as what they drive: a log needs names."""
+    """Return the spec, unnamed joints called as their bodies, and actuators as what they drive.
+
+    A log needs names; a joint of an unnamed body is called by its number.
+    """
+    joints = {joint.name for joint in spec.joints}
+    for number, joint in enumerate(spec.joints):
+        name = joint.parent.name or f"joint{number}"
+        if not joint.name and name not in joints:
+            joint.name = name
+            joints.add(name)
     taken = {actuator.name for actuator in spec.actuators}
     for actuator in spec.actuators:
         if not actuator.name and actuator.target not in taken:
@@ -130,6 +147,7 @@ def _urdf(path: Path) -> mujoco.MjSpec:
         raise TaskError(f"{path}: a URDF's root is <robot>, this file's is <{root.tag}>")
     _check_links(root, path, text)
     for link in root.iter("link"):
+        _round_inertia(link, path, text)
         for shape in [*link.findall("visual"), *link.findall("collision")]:
             mesh = shape.find("geometry/mesh")
             if shape.tag == "visual" or (mesh is not None and not _mesh(path, mesh)):
@@ -147,7 +165,7 @@ def _urdf(path: Path) -> mujoco.MjSpec:
 
 
 def _check_links(root: ElementTree.Element, path: Path, text: str) -> None:
-    """Add the link `world` where joints hang on it and nobody declared it; refuse other ones."""
+    """Declare the link `world` if joints hang on it; refuse other undeclared links."""
     links = [link.get("name", "") for link in root.iter("link")]
     for joint in root.findall("joint"):
         for end in ("parent", "child"):
@@ -160,8 +178,42 @@ def _check_links(root: ElementTree.Element, path: Path, text: str) -> None:
                 line = _line(text, rf"<{end}\s[^>]*link\s*=\s*[\"']{re.escape(name)}[\"']")
                 raise TaskError(
                     f"{path}{line}: the joint {joint.get('name')!r} has the {end} {name!r}, which "
-                    f"is no link{did_you_mean(name, links)}; add <link name={name!r}/>"
+                    f"is not a link{did_you_mean(name, links)}; add <link name={name!r}/>"
                 )
+
+
+def _round_inertia(link: ElementTree.Element, path: Path, text: str) -> None:
+    """Give a link's inertia moments that are positive, where rounding or a placeholder left none.
+
+    Raises:
+        TaskError: the inertia of something heavier that no body can have.
+    """
+    inertia, mass = link.find("inertial/inertia"), link.find("inertial/mass")
+    if inertia is None or mass is None:
+        return
+    matrix = np.zeros((3, 3))
+    try:
+        for axes, (row, column) in PRODUCTS.items():
+            matrix[row, column] = matrix[column, row] = float(inertia.get(f"i{axes}", 0))
+        weight = float(mass.get("value", 0))
+    except ValueError:
+        return  # the engine says which
+    moments, turned = np.linalg.eigh(matrix)
+    least = FLAT * float(np.abs(moments).max())
+    if moments[0] > 0:
+        return
+    none = float(np.abs(moments).max()) < NO_INERTIA
+    if moments[0] < -least and weight > MARKER and not none:
+        name = link.get("name", "")
+        line = _line(text, rf"<link\s[^>]*name\s*=\s*[\"']{re.escape(name)}[\"']")
+        raise TaskError(
+            f"{path}{line}: no body has the inertia of the link {name!r}: its principal moments "
+            f"are {', '.join(f'{m:.3g}' for m in moments)} kg·m², and all must be positive; look "
+            "for a wrong sign, or for products (ixy, ixz, iyz) about another point"
+        )
+    own = turned @ np.diag(np.maximum(moments, least) * (not none)) @ turned.T
+    for axes, place in PRODUCTS.items():
+        inertia.set(f"i{axes}", repr(float(own[place])))
 
 
 def _line(text: str, pattern: str) -> str:
@@ -186,8 +238,8 @@ def _add_actuators(spec: mujoco.MjSpec, path: Path) -> None:
     file = path.with_name(f"{path.stem}.actuators.yaml")
     if not file.is_file():
         raise TaskError(
-            f"{path}: a URDF has no actuators; write {file.name} beside it, a line for each servo: "
-            "`elbow: {kp: 12.0, forcerange: [-1.5, 1.5]}`"
+            f"{path}: a URDF has no actuators; write {file.name} next to it, a line for each "
+            "servo: `elbow: {kp: 12.0, forcerange: [-1.5, 1.5]}`"
         )
     text = file.read_text(encoding="utf-8")
     try:

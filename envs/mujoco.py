@@ -19,7 +19,7 @@ from envs.torch_env import RowsEnv
 
 
 class MujocoEnv(RowsEnv):
-    """num_envs simulations of a task, batch size (num_envs,), each with parameters of its own.
+    """num_envs simulations of a task, batch size (num_envs,), each with its own parameters.
 
     Args:
         task: what is simulated.

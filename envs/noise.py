@@ -3,8 +3,8 @@
     uniform(seeds, stream=0, size=6)      # (n, 6) in [0, 1), row i depends on seeds[i] alone
 
 NumPy's generators hold one state each: one generator an episode costs 20 µs to make, for each of a
-thousand rows. A counter-based hash has no state, so a row's numbers do not depend on what ran
-before or beside it.
+thousand rows. A counter-based hash has no state, so a row's numbers do not depend on the rows
+before it or in parallel.
 """
 
 from typing import Any

@@ -16,7 +16,7 @@ Contracts:
   steps of a changed mass.
 * A simulation that diverges is reset silently by the engine; `step` reads the warnings and says
   which rows that was.
-* `fixed` effects have values of their own and are no parameters; drawn effects come after them and
+* `fixed` effects have fixed values and are not parameters; drawn effects come after them and
   compose with them.
 * Parameters and starts are NumPy arrays of the host whatever steps the simulations; what moves with
   them (`qpos`, `ctrl`, readings) are arrays of the engine, `arrays` (see `envs.physics`).
@@ -37,7 +37,7 @@ from envs.effects.history import CommandHistory
 from envs.effects.layout import Layout, edited
 from envs.effects.registry import refuse_elsewhere
 from envs.errors import EffectError, TaskError
-from envs.memory import check_memory, row_bytes
+from envs.memory import check_memory, row_bytes, share_memory
 from envs.params import ParamSpace
 from envs.physics import Engine, make_physics
 from envs.physics.arrays import Array
@@ -109,6 +109,8 @@ class Plant:
             )
         self.nominal = spec.copy().compile() if nominal is None else nominal
         self.model, keep = edited(spec, self.nominal, every)
+        if not persistent:
+            share_memory(self.model)
         warn_of_sparse_fault(self.model)
         self.effects = tuple(effects)
         own = [effect.parameters(self.model) for effect in every]
@@ -132,7 +134,7 @@ class Plant:
         self.qpos, self.qvel = self.layout.qpos, self.layout.qvel
         # live values of the fields that effects write, (N, ...)
         self._fields: dict[str, np.ndarray] = {}
-        self._substeps = Substeps(num_rows)
+        self._substeps = Substeps(num_rows, self.physics)
         self._shared: dict[str, Any] = {}  # mechanisms that several effects are parts of
         self._bound = [effect.bind(self) for effect in every]
         ends = np.cumsum([len(parameters) for parameters in drawn], dtype=int)
@@ -157,7 +159,7 @@ class Plant:
         ]
         self._starters = sorted(
             starters, key=lambda b: not isinstance(b, CommandRule)
-        )  # what arrives, then who hears it
+        )  # commands first, then the effects that act on them
         own = [id(bound) for bound in self._bound]
         single = [b for b in self._bound if isinstance(b, SubstepRule) and own.count(id(b)) == 1]
         rules = [b for b in self._parts if isinstance(b, SubstepRule)]
@@ -170,17 +172,17 @@ class Plant:
 
     @property
     def substep_rules(self) -> tuple[SubstepRule, ...]:
-        """What acts before each physics substep."""
+        """The rules that act before each physics substep."""
         return self._substeps.rules
 
     @property
     def command_rules(self) -> tuple[CommandRule, ...]:
-        """What acts on the command of each control step."""
+        """The rules that act on the command of each control step."""
         return tuple(self._commands)
 
     @property
     def measurements(self) -> tuple[Measurement, ...]:
-        """What changes the readings of the sensors."""
+        """The rules that change the readings of the sensors."""
         return tuple(self._measurements)
 
     def take_warnings(self) -> np.ndarray:
@@ -197,6 +199,10 @@ class Plant:
         """Return the same for a substep rule to change; each substep starts as `write` left it."""
         return self._substeps.live(name, self.field(name))
 
+    def now(self, name: str) -> Array:
+        """Return a live field in the engine, (N, ...), for rules that are prepared or act."""
+        return self._substeps.now(name)
+
     def override_field(self, name: str, ids: np.ndarray, values: np.ndarray) -> None:
         """Let a field that was given out be values (n, ...) in the rows ids, from now on.
 
@@ -210,7 +216,7 @@ class Plant:
         return name in self._fields
 
     def field_values(self, name: str, ids: np.ndarray) -> np.ndarray:
-        """Return what a model field is in the rows ids (n,), (n, ...); read only."""
+        """Return a model field in the rows ids (n,), (n, ...); read only."""
         if name in self._fields:
             return self._fields[name][ids]
         own = np.asarray(getattr(self.model, name))
@@ -310,7 +316,8 @@ class Plant:
     def advance(self, ids: np.ndarray | None, ctrl: Array, nstep: int) -> Array:
         """Do as `step` does, but read no sensors: `qpos`, `qvel` and `measured` stay behind.
 
-        Whoever replays many steps reads `layout.raw_qpos`, and turns the whole path into readings.
+        Code that replays many steps reads `layout.raw_qpos`, and turns the whole path into
+        readings.
         """
         rows = self.arrays.rows(ids)
         sent = self._received(ids, rows, ctrl) if self._starters or self._commands else ctrl
@@ -324,7 +331,7 @@ class Plant:
         return self.physics.broken(rows)
 
     def _received(self, ids: np.ndarray | None, rows: Any, ctrl: Array) -> Array:
-        """Return what arrives of the commands (n, nu) in the rows ids, which the engine indexes."""
+        """Return the commands (n, nu) as they arrive in the rows ids, which the engine indexes."""
         ctrl = self.arrays.xp.asarray(ctrl, dtype=self.arrays.dtype, copy=True)
         fresh = self._fresh if ids is None else self._fresh[ids]
         if fresh.any():
@@ -357,7 +364,7 @@ class Plant:
         self._sensed[0][rows], self._sensed[1][rows] = qpos, qvel
 
     def measured(self, ids: np.ndarray | None) -> tuple[Array, Array]:
-        """Return what sensors say of qpos (n, nq) and qvel (n, nv) in the rows ids (None: all)."""
+        """Return sensor readings of qpos (n, nq) and qvel (n, nv) in the rows ids (None: all)."""
         return self.readings(self.arrays.rows(ids))
 
     def readings(self, rows: Any) -> tuple[Array, Array]:

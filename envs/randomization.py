@@ -46,7 +46,7 @@ class Tasks(Protocol):
 
 @dataclass(frozen=True)
 class Draw:
-    """How the parameters of one effect are drawn, each by itself.
+    """The independent distributions of one effect's parameters.
 
     Args:
         effect: what is randomized.
@@ -142,7 +142,7 @@ class Randomization:
 
     Args:
         draws: one for each effect, or mappings of its keys; see `Draw.of`.
-        per: "reset" draws anew for each episode; "row" once for each row of an environment, which
+        per: "reset" draws for each episode; "row" once for each row of an environment, which
             keeps its robot.
 
     Raises:

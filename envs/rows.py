@@ -5,7 +5,7 @@
 
 Contracts:
 
-* A row is one episode at a time. Nothing restarts by itself: whoever steps the rows resets those
+* A row is one episode at a time. Nothing restarts by itself: the caller resets those
   that ended.
 * An episode is a pure function of the actions it is given, of its parameter values and of its seed.
   Which row it runs in, what the other rows do, and the number of threads change no bit of it.
@@ -22,7 +22,7 @@ from envs.physics.arrays import NUMPY, Array, Arrays
 
 
 class Step(NamedTuple):
-    """What one control step of n rows returned, as arrays of the rows."""
+    """The result of one control step of n rows, as arrays of the rows."""
 
     observation: Array  # (n, O) float64, float32 on a device
     reward: Array  # (n,) float64, float32 on a device
@@ -34,7 +34,7 @@ class Step(NamedTuple):
 class Rows(Protocol):
     """N rows of episodes of one task; see the module's docstring.
 
-    Rows whose observations, actions and rewards are no NumPy arrays say so by an attribute
+    Rows whose observations, actions and rewards are not NumPy arrays say so by an attribute
     `arrays` (see `arrays_of`).
     """
 
@@ -65,5 +65,5 @@ class Rows(Protocol):
 
 
 def arrays_of(rows: Rows) -> Arrays:
-    """Return what the rows' observations, actions and rewards are made of: NumPy's, or others."""
+    """Return the array library of the rows' observations, actions and rewards: NumPy or another."""
     return getattr(rows, "arrays", NUMPY)

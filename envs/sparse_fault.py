@@ -2,7 +2,7 @@
 
 4.0.0 merges rows with different descendants into one supernode. Where the constraint Jacobian is
 sparse, the Newton solver then gets a wrong factor of its Hessian: it converges slowly, to wrong
-accelerations, or diverges (https://github.com/google-deepmind/mujoco/issues/3767). 4.0.1 mends it.
+accelerations, or diverges (https://github.com/google-deepmind/mujoco/issues/3767). 4.0.1 fixes it.
 A Jacobian is sparse where the model asks for it, or from 60 degrees of freedom on.
 """
 

@@ -148,7 +148,7 @@ class RowsEnv(EnvBase):
 
     def _start(self, ids: np.ndarray, seeds: np.ndarray | None = None) -> dict[str, torch.Tensor]:
         """Start episodes in the rows ids (n,); return the entries of all rows after that."""
-        if self.rows.space.size:  # anew: what was returned before belongs to the caller
+        if self.rows.space.size:  # a new one: what was returned before belongs to the caller
             self._params = self._params_tensordict()
         if seeds is None:
             seeds = self.rng.integers(0, 2**63, len(ids)).astype(np.uint64)
@@ -163,7 +163,7 @@ class RowsEnv(EnvBase):
         return {**self._seen(ids), "failed": no, **flags}
 
     def _seen(self, ids: np.ndarray | None) -> dict[str, torch.Tensor]:
-        """Return what every row sees, after the rows ids (None: all) moved or started."""
+        """Return every row's observation, after the rows ids (None: all) moved or started."""
         return {"observation": self._tensor(self._last, self._float)}
 
     def _draw(self, ids: np.ndarray) -> None:
@@ -303,7 +303,7 @@ class RandomizeParams(Transform):
     def _handed(
         self, env: EnvBase | None, tensordict: TensorDictBase | None
     ) -> TensorDictBase | None:
-        """Return the reset's tensordict with draws for an environment of somebody else's."""
+        """Return the reset's tensordict with draws, for a third-party environment."""
         if env is None or "params" not in env.observation_spec:
             if env is not None and _draws_nothing(self.tasks):
                 return tensordict

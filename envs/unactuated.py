@@ -6,6 +6,7 @@ why = refusal(model, has_imu=False)     # "moves at root, which no servo reads, 
 import mujoco
 
 from envs.effects.contact import ground, soles
+from envs.effects.places import driven_joints
 from envs.models import FREE
 
 SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
@@ -18,7 +19,7 @@ def unobservable_joints_message(model: mujoco.MjModel, has_imu: bool) -> str | N
         model: with the ground that the robot stands on.
         has_imu: whether one on its base is logged.
     """
-    driven = {int(joint) for joint in model.actuator_trnid[:, 0]}
+    driven = driven_joints(model)
     loose = {j: int(model.jnt_type[j]) for j in range(model.njnt) if j not in driven}
     why = ""
     if not loose:

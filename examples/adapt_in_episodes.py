@@ -1,4 +1,4 @@
-"""Hill climbing by ask and tell: each value that is told may be one episode of a robot.
+"""Hill climbing by ask and tell: each reported value may be one episode of a robot.
 
 python examples/adapt_in_episodes.py
 """

@@ -23,5 +23,5 @@
     stand.py        a model in the air             nominal.py      a public model with servos
 
 Needs numpy, PyYAML, dynamixel-sdk, pyserial and mujoco (log.py only numpy); knows neither the
-simulated worlds (env.py aside) nor the algorithms. `docs/hardware.md` is the manual.
+simulated worlds (env.py aside) nor the algorithms. `docs/how-to/set_up_servos.md` is the manual.
 """

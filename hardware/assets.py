@@ -1,4 +1,4 @@
-"""Where a robot's MJCF is: a file of the project, or the user's own."""
+"""Find a robot's MJCF: a file of the project, or the user's own."""
 
 from pathlib import Path
 from typing import Any

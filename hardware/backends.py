@@ -1,4 +1,4 @@
-"""What an episode on a robot runs on: servos at a port, the emulated robot, or a recorded log.
+"""Backends of an episode on a robot: servos at a port, the emulated robot, or a recorded log.
 
     backend = ServoBackend(load_robot("quad8"), settle=0.5)      # no port: the emulated robot
     backend.open()                                               # everything checked, torque off
@@ -36,25 +36,25 @@ PATIENCE = 5.0  # s that a lost port is waited for
 
 
 class RobotMeasurement(NamedTuple):
-    """What a robot of n servos measured at one deadline."""
+    """The readings of a robot of n servos at one deadline."""
 
     step: int  # deadlines since the episode's start, missed ones included
     time: float  # s from the episode's start to when the servos were asked
     reading: Reading
     torque: np.ndarray  # N·m, of the motors, (n,)
-    body: Mapping[str, np.ndarray]  # of sensors beside the servos, see `hardware/body.py`
+    body: Mapping[str, np.ndarray]  # of sensors other than the servos, see `hardware/body.py`
     last: bool = False  # nothing follows: the end of a recorded episode
 
 
 class Backend(Protocol):
-    """What episodes run on; see the module's docstring. Arrays are in the order of the servos."""
+    """The interface of backends. Arrays are in the order of the servos."""
 
     robot: Robot
-    real: bool  # moves something in the world: it must be armed by whoever stands beside it
+    real: bool  # true for a physical robot, which must be armed by a person next to it
 
     @property
     def sensor_names(self) -> tuple[str, ...]:
-        """Return the names of the sensors beside the servos."""
+        """Return the names of the sensors other than the servos."""
         ...
 
     def open(self) -> None:
@@ -91,7 +91,7 @@ class ServoBackend:
             robot comes to rest, a real one is put back on its feet.
         world: the emulated robot; None makes one as the file says.
         dry_run: switch torque off, then read everything and compute commands, but send none.
-        sensors: an IMU or a tracker beside the servos, in place of the IMU at the port that the
+        sensors: an IMU or a tracker, instead of the IMU at the port that the
             robot's file names; the emulated robot has its own.
         limits: when the guard stops the robot.
         seed: the seed of the emulated robot's randomness.
@@ -129,7 +129,7 @@ class ServoBackend:
 
     @property
     def sensor_names(self) -> tuple[str, ...]:
-        """The names of the sensors beside the servos."""
+        """The names of the sensors other than the servos."""
         return () if self.sensors is None else self.sensors.names
 
     @property
@@ -148,7 +148,7 @@ class ServoBackend:
 
     @property
     def counters(self) -> dict[str, Counters]:
-        """What happened to the requests to each servo."""
+        """The link counters of each servo."""
         return self.guard.driver.counters
 
     @property
@@ -190,7 +190,7 @@ class ServoBackend:
         return make_driver(self.robot, self.world, self._clock)
 
     def arm(self) -> None:
-        """Switch torque on where the robot is; whoever calls this has cleared the space around it.
+        """Switch torque on at the robot's pose; the space around it must be clear.
 
         After a stop everything is connected, checked and set up again before: the cable may have
         been out, and a servo that rebooted has lost its settings.
@@ -298,7 +298,7 @@ class ServoBackend:
         )
 
     def _sense(self, now: float) -> Mapping[str, np.ndarray]:
-        """Return what the sensors beside the servos measure; stop the robot if they do not."""
+        """Return the readings of the sensors other than the servos; stop the robot if they fail."""
         if self.sensors is None:
             return {}
         try:

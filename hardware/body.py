@@ -1,4 +1,4 @@
-"""Sensors beside the servos: where the robot's base is, how it is turned, how fast it turns.
+"""Sensors other than the servos: position, orientation and angular velocity of the robot's base.
 
     names: "orientation"  a unit quaternion w x y z, (4,)
            "gyro"         angular velocity about the base's own axes [rad/s], (3,)
@@ -28,7 +28,7 @@ OF_THE_IMU = {  # quantity: kind of a log's column, and its parts
 
 
 class BodySensors(Protocol):
-    """What is measured beside the servos, and how the robot gets back to its start.
+    """Measures the robot's base, and brings the robot back to its start.
 
     One that has to be opened and closed has methods `open` and `close` too; see `SerialImu`.
     """
@@ -86,7 +86,7 @@ class EmulatedBody:
         self.names: tuple[str, ...] = (*imu, "position") if self._home else imu
 
     def measure(self, now: float) -> dict[str, np.ndarray]:
-        """Return what the robot's IMU and the tracker see now."""
+        """Return the current readings of the robot's IMU and of the tracker."""
         self._world.advance(now)
         mechanics = self._world.mechanics
         inertial = self._world.inertial

@@ -14,7 +14,7 @@ Bytes from before a request are thrown away, after a failure with a wait for tho
 
 The protocol sends its CRC low byte first, so that the CRC misses one in 65536 of the short bursts
 of wrong bits that touch it. Reads therefore ask for two bytes more than wanted, and group writes
-end with an entry for nobody: what counts is never within 16 bits of the CRC.
+end with an entry that no servo has: no entry that counts is within 16 bits of the CRC.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class BusClient:
         return_delay: how long a servo waits before it answers [s].
     """
 
-    overhead = 11  # bytes of an answer beside its data
+    overhead = 11  # bytes of an answer in addition to its data
     parser: ClassVar[type[Parser]] = Parser  # what cuts bytes into packets
 
     def __init__(
@@ -110,7 +110,7 @@ class BusClient:
 
     @contextmanager
     def more_patient(self, times: float = MORE_PATIENT) -> Iterator[None]:
-        """Wait so many times longer for answers in this block, as a busy machine needs."""
+        """Multiply the time limits of answers in this block, as a busy machine needs."""
         usual, self.patience = self.patience, times * self.patience
         try:
             yield
@@ -143,7 +143,7 @@ class BusClient:
         return _reply(packets[0]) if packets else None
 
     def write_all(self, address: int, data: bytes) -> None:
-        """Write registers of every servo at once; nobody answers."""
+        """Write registers of every servo at once, without acknowledgement."""
         self._ask(BROADCAST, protocol.WRITE, struct.pack("<H", address) + data, [])
 
     def reboot(self, number: int) -> Reply | None:
@@ -152,7 +152,7 @@ class BusClient:
         return _reply(packets[0]) if packets else None
 
     def sync_write(self, address: int, values: Mapping[int, bytes]) -> None:
-        """Write the same registers of several servos; nobody answers.
+        """Write the same registers of several servos, without acknowledgement.
 
         A last entry for a servo that is not there shields the others (see the module).
         """
@@ -308,7 +308,7 @@ class BusClient:
                 self._doubtful = False
                 return good
             if self.clock.now() >= (deadline + span if data else deadline):
-                break  # with data: somebody floods the bus
+                break  # with data: another device floods the bus
             if not data:
                 self.clock.wait_for_bytes(port.ser, deadline)
         self._doubtful = not good or not to_the_end
@@ -346,7 +346,7 @@ class BusClient:
         return True
 
     def _span(self, size: int) -> float:
-        """Return how long one answer of so many bytes takes after the one before it [s]."""
+        """Return the time that one answer of a number of bytes adds to the previous one [s]."""
         return size * 10 / self.port.getBaudRate() + self.return_delay + TURN_ROUND + self.latency
 
     def _time(self, servos: Sequence[int], due: float) -> None:

@@ -45,7 +45,7 @@ class HandMeasurement:
         """Ask, follow the joints until the answer, and return where joint i is then [rad].
 
         Raises:
-            UsageError: nobody answers, or it was interrupted.
+            UsageError: no one answers, or it was interrupted.
             SerialPortError: the joint's servo gives no new answer.
         """
         try:

@@ -1,4 +1,4 @@
-"""Where each joint's zero is, which way it counts, and how far it may go: one JSON file a robot.
+"""A robot's calibration: each joint's zero, sign and limits, in one JSON file.
 
     write_calibration("bench1.json", calibration_of(robot))
     robot = apply_calibration(robot, read_calibration("bench1.json"))
@@ -64,7 +64,7 @@ class Calibration:
 
 
 def calibration_of(robot: Robot) -> Calibration:
-    """Return what a robot's own file says, as a calibration."""
+    """Return the calibration that a robot's own file contains."""
     joints = {}
     for servo in robot.servos:
         low, high = sorted(servo.count(angle) for angle in servo.position)

@@ -136,7 +136,7 @@ def _imu(data: Any, place: str) -> Imu:
         raise RobotError(f"{place}: model: unknown part {imu.model!r}{hint}: {format_names(IMUS)}")
     length = math.sqrt(sum(part**2 for part in imu.mount))
     if abs(length - 1) > 1e-3:
-        raise RobotError(f"{place}: mount: {list(imu.mount)} is no unit quaternion w x y z")
+        raise RobotError(f"{place}: mount: {list(imu.mount)} is not a unit quaternion w x y z")
     w, x, y, z = (part / length for part in imu.mount)
     return replace(imu, mount=(w, x, y, z))
 

@@ -2,7 +2,7 @@
 
     convert("bam/data.bak/raw", "logs/xl330", joints=["hinge"], model="xl330.xml")
 
-Each log becomes a CSV with a JSON beside it. On the command line: `sim2real convert`.
+Each log becomes a CSV with a JSON next to it. On the command line: `sim2real convert`.
 """
 
 from collections.abc import Iterable, Sequence

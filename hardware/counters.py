@@ -1,11 +1,11 @@
-"""What happened to the requests to one servo, as counts."""
+"""Counters of the requests to one servo and of their answers."""
 
 from dataclasses import asdict, dataclass
 
 
 @dataclass
 class Counters:
-    """What happened to the requests to one servo."""
+    """Counters of the requests to one servo and of their answers."""
 
     asked: int = 0
     answered: int = 0

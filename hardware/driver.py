@@ -102,7 +102,7 @@ class Driver(Torque):
 
     @property
     def counters(self) -> dict[str, Counters]:
-        """What happened to the requests to each servo, by its name."""
+        """The link counters of each servo, by its name."""
         return {servo.name: self.bus_client.counters[servo.id] for servo in self.robot.servos}
 
     def connect(self) -> None:
@@ -128,7 +128,7 @@ class Driver(Torque):
         self._find_turns()
 
     def _read_first(self) -> None:
-        """Read until every servo has answered anew."""
+        """Read until every servo has given a new answer."""
         for _ in range(RETRIES):
             reading = self.read()
             if reading.fresh.all():
@@ -198,10 +198,10 @@ class Driver(Torque):
                 for name, value in self.robot.registers_of(servo).items():
                     self.write_register(servo, name, value)
         self.read()
-        self._find_turns()  # another operating mode may count turns anew
+        self._find_turns()  # another operating mode may count turns differently
 
     def read(self) -> Reading:
-        """Read all servos once, and those that did not answer once more."""
+        """Read all servos, and again those that did not answer."""
         return self.begin_read()()
 
     def begin_read(self) -> Callable[[], Reading]:
@@ -211,7 +211,7 @@ class Driver(Torque):
         return lambda: self._read(asked, finish())
 
     def _read(self, asked: float, replies: Replies) -> Reading:
-        """Make a reading of the answers, and ask those once more that gave none."""
+        """Make a reading of the answers, after a retry of the servos that gave none."""
         stamps = asked + sample_times(self.robot, self.fast)
         fresh = self._take(replies, self.ids, asked)
         left = [number for number, new in zip(self.ids, fresh, strict=True) if not new]
@@ -253,7 +253,7 @@ class Driver(Torque):
         return self.angles(counts)
 
     def health(self, i: int) -> Health | None:
-        """Read one servo's state; None if it did not answer anew."""
+        """Read one servo's state; None without a new answer."""
         asked = self.clock.now()
         reply = self.bus_client.read(self.ids[i], HEALTH, HEALTH_SIZE)
         if reply is None or len(reply.data) != HEALTH_SIZE:
@@ -343,7 +343,7 @@ class Driver(Torque):
         """Take over what the servos are set to, and the robot's file leaves open: nothing here."""
 
     def set_watchdogs(self, steps: int) -> None:
-        """Let servos stop by themselves after so many silent steps of 20 ms; 0 for never."""
+        """Let servos stop by themselves after a number of silent steps of 20 ms; 0 for never."""
         for servo in self.robot.servos:
             self.write_register(servo, "bus_watchdog", steps)
 

@@ -1,6 +1,6 @@
 """An emulated robot behind device files until it is stopped: the verb emulate.
 
-What a person would do beside the robot is typed: `connect elbow`, `move elbow 0.5`
+What a person would do by hand is typed: `connect elbow`, `move elbow 0.5`
 (`hardware/emulator/hand.py`).
 """
 
@@ -48,7 +48,7 @@ def emulate(robot: Robot, keys: Keys, tell: Tell) -> None:
     for i in range(len(robot.servos) if factory else 0):
         world.connect(i, False)
     end = time.perf_counter() + number(keys, "seconds", math.inf)
-    told, back = threading.Event(), threading.Event()
+    stop, back = threading.Event(), threading.Event()
     person = TypedHand(Hand(world), tell)
 
     def ready(devices: dict[str, str]) -> None:
@@ -63,12 +63,12 @@ def emulate(robot: Robot, keys: Keys, tell: Tell) -> None:
             back.clear()
             world.hold()
         person.step()
-        return told.is_set() or time.perf_counter() > end
+        return stop.is_set() or time.perf_counter() > end
 
-    events = {signal.SIGUSR1: back, signal.SIGTERM: told}
-    events[signal.SIGINT] = told  # a shell's background jobs begin deaf to it
+    events = {signal.SIGUSR1: back, signal.SIGTERM: stop}
+    events[signal.SIGINT] = stop  # a shell's background jobs ignore it by default
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # unless it runs under nohup
-        events[signal.SIGHUP] = told
+        events[signal.SIGHUP] = stop
     before = {
         event: signal.signal(event, lambda n, _: events[signal.Signals(n)].set())
         for event in events

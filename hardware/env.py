@@ -135,7 +135,7 @@ class HardwareEnv(RowsEnv):
 
 
 def _entries(note: ActionRecord) -> dict[str, np.ndarray]:
-    """Return what became of the last action, by name."""
+    """Return the outcome of the last action, by name."""
     return {
         "goal": note.goal,
         "applied": note.applied,

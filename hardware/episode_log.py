@@ -58,7 +58,7 @@ class EpisodeLog:
 
         Args:
             measured: the first measurement.
-            facts: what the metadata shall say beside the robot's settings, as far as is known.
+            facts: metadata in addition to the robot's settings, as far as is known.
         """
         self._rows, self._measured = [], measured
         if self.folder is not None:
@@ -75,7 +75,7 @@ class EpisodeLog:
         counters: Mapping[str, Counters],
         observation: Sequence[float] | np.ndarray = (),
     ) -> None:
-        """Write down a command beside what was measured before it.
+        """Write a command and the measurement before it.
 
         Args:
             time: when it was written, from the episode's start [s].
@@ -126,7 +126,7 @@ class EpisodeLog:
         """End the episode and write its file; None if it has no rows.
 
         Args:
-            facts: what the metadata shall say beside the robot's settings.
+            facts: metadata in addition to the robot's settings.
         """
         rows, measured = self._rows, self._measured
         if rows and measured is not None and measured.time > rows[-1]["time"]:

@@ -35,7 +35,7 @@ SWING = 0.4  # of a swing's time, that torque is off
 
 
 class ExcitationPlan(NamedTuple):
-    """What to command, and where torque is on."""
+    """Commands over time, and the servos whose torque is on."""
 
     angles: np.ndarray  # rad, (T, n)
     torque: np.ndarray  # bool, (T,)

@@ -130,5 +130,5 @@ class ExportedPolicy:
         if inputs != sizes[:-1] or sizes[-1] != self.low.size or not known:
             raise PolicyError(
                 f"policy.npz: layers of {inputs} inputs for {sizes[0]} observations and "
-                f"{self.low.size} actions, {self._activation} and {self._squash}, are no policy"
+                f"{self.low.size} actions, {self._activation} and {self._squash}, are not a policy"
             )

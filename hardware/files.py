@@ -9,7 +9,7 @@ from pathlib import Path
 
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
-    """Yield a new name beside `path`; move it there if the block ends well, else remove it.
+    """Yield a new name next to `path`; move it there if the block ends well, else remove it.
 
     The name keeps the suffix, which writers of images go by. The block makes the file, so that it
     gets the permissions of any other.

@@ -1,4 +1,4 @@
-"""Which serial port a robot is at: the one that goes when its cable is pulled.
+"""Find a robot's serial port: the one that disappears when its cable is pulled.
 
 find_port(ask_terminal, print)
 """

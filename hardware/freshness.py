@@ -13,7 +13,7 @@ a busy machine costs no good answer, and an answer to an earlier question is sti
 
 from typing import NamedTuple
 
-ROUND = 32768  # the counter starts again after so many milliseconds
+ROUND = 32768  # ms after which the counter starts again
 SLACK = 2.0  # ms: the counter's resolution, and how old a servo's registers may be
 DRIFT = 0.02  # of the time passed, between the servo's clock and ours
 LATEST = 200.0  # ms, no answer is later

@@ -1,4 +1,4 @@
-"""What a driver checks before any torque goes on; each refusal is one sentence with its remedy."""
+"""A driver's checks before torque is switched on; each refusal is a sentence with its remedy."""
 
 import struct
 from pathlib import Path

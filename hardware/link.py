@@ -1,4 +1,4 @@
-"""How well a run kept its rate, and what became of the answers that it asked its servos for.
+"""The link quality of a run: how well it kept its rate, and how many answers came in time.
 
     link = LinkMonitor(pace, driver.counters)       # from here on
     ...                                             # steps of `pace`, answers of `driver`
@@ -44,7 +44,7 @@ class LinkScore(NamedTuple):
         return self.value >= 0
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what a run's JSON says."""
+        """Return the entry of a run's JSON."""
         return {"score": self.value, "go": self.go, "reason": self.reason}
 
     def __str__(self) -> str:
@@ -53,7 +53,7 @@ class LinkScore(NamedTuple):
 
 @dataclass(frozen=True)
 class AnswerCounts:
-    """What became of the answers that were asked of one servo."""
+    """Counts of one servo's answers: asked for, lost, late and stale."""
 
     asked: int = 0
     lost: int = 0
@@ -96,7 +96,7 @@ class LinkStatistics:
 
     @property
     def total(self) -> AnswerCounts:
-        """What became of the answers of all servos together."""
+        """Counts of the answers of all servos together."""
         return sum(self.servos.values(), AnswerCounts())
 
     def worst(self, kind: str) -> tuple[str, float]:
@@ -106,7 +106,7 @@ class LinkStatistics:
         return name, parts[name]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what a run's JSON says: counts, and periods in seconds."""
+        """Return the entry of a run's JSON: counts, and periods in seconds."""
         servos = {name: dict(vars(counts)) for name, counts in self.servos.items()}
         return {
             "periods": len(self.periods),
@@ -120,14 +120,14 @@ class LinkStatistics:
         return format_link(self.as_dict())
 
 
-def format_link(told: Mapping[str, Any]) -> str:
-    """Return what a run's JSON says of its link, as one line."""
-    percentiles, servos = told["period"], told["servos"]
+def format_link(link: Mapping[str, Any]) -> str:
+    """Format the link quality in a run's JSON as one line."""
+    percentiles, servos = link["period"], link["servos"]
     spread = "/".join(f"{1e3 * percentiles.get(f'p{p}', math.nan):.1f}" for p in PERCENTILES)
     total = sum((AnswerCounts(**counts) for counts in servos.values()), AnswerCounts())
     line = (
-        f"link: period {spread} ms (p50/p90/p99), {told['overruns']} overruns in "
-        f"{told['periods']} periods; of {total.asked} answers {total.lost} lost, "
+        f"link: period {spread} ms (p50/p90/p99), {link['overruns']} overruns in "
+        f"{link['periods']} periods; of {total.asked} answers {total.lost} lost, "
         f"{total.late} late, {total.stale} stale"
     )
     bad = {name: c["lost"] + c["late"] + c["stale"] for name, c in servos.items()}
@@ -151,7 +151,7 @@ class LinkMonitor:
         self._score = score
         self._counters = counters
         self._before = {name: replace(count) for name, count in counters.items()}
-        self._told: float | None = None
+        self._reported: float | None = None
 
     def statistics(self) -> LinkStatistics:
         """Return the statistics until now."""
@@ -175,9 +175,9 @@ class LinkMonitor:
         Args:
             now: the time [s].
         """
-        if self._told is None:
-            self._told = now
-        if now - self._told < EVERY:
+        if self._reported is None:
+            self._reported = now
+        if now - self._reported < EVERY:
             return False
-        self._told = now
+        self._reported = now
         return True

@@ -22,10 +22,10 @@ Columns (SI units):
 
 Metadata (`robot`, `model`, `settings`, and whatever else is known) lies in a JSON file of the same
 name, or in the Parquet schema; where both say something, the JSON file holds. Every number in a log
-is finite, so a reader need not ask: what a file lacks, or counts in another unit of time, is mended
-when it is read (`hardware.formats.repair`), said, and kept under `reading` in the metadata. A
-robot's log is `NAME.csv.part` until it is whole (`hardware/log_writer.py`); one that was left over
-by a killed program is read like any other.
+is finite, so a reader need not ask: what a file lacks, or counts in another unit of time, is
+repaired when it is read (`hardware.formats.repair`), said, and kept under `reading` in the
+metadata. A robot's log is `NAME.csv.part` until it is whole (`hardware/log_writer.py`); one that
+was left over by a killed program is read like any other.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ import numpy as np
 from hardware.errors import LogError, did_you_mean, format_names
 from hardware.files import atomic_write
 from hardware.formats import csv_file, find, parquet
-from hardware.formats.names import ACTUATOR_KINDS, JOINT_KINDS, REQUIRED
+from hardware.formats.names import ACTUATOR_KINDS, JOINT_KINDS, READING, REQUIRED
+from hardware.formats.rates import FRESH
 from hardware.formats.registry import known, refuse
 from hardware.formats.repair import repair
 
 _logger = logging.getLogger(__name__)
 MOTIONS = ("ctrl", "qpos", "qvel")
-READING = "reading"  # metadata: what the reader mended, in sentences
 LARGEST = 1e9  # of these, in any unit that a robot may have
 
 
@@ -59,7 +59,7 @@ class Log:
 
     Args:
         columns: name to values, (T,) each; `episode` becomes int64, everything else float64.
-        meta: what is known beside the numbers, as JSON can hold it.
+        meta: metadata, as JSON can hold it.
         path: the file it was read from.
 
     Raises:
@@ -92,6 +92,11 @@ class Log:
         return self.columns["time"]
 
     @property
+    def fresh(self) -> np.ndarray:
+        """In which rows all joints were read, (T,) bool: `flag.fresh`; all rows without it."""
+        return self.columns.get(FRESH, np.ones(len(self))) > 0
+
+    @property
     def actuators(self) -> list[str]:
         """The actuators that were commanded, in the order of the columns."""
         return [name[5:] for name in self.columns if name.startswith("ctrl.")]
@@ -111,8 +116,8 @@ class Log:
         if name is None:
             return None
         folder = self.path.parent if self.path else Path()
-        beside = folder / Path(name).name
-        return beside if beside.is_file() and not (folder / name).exists() else folder / name
+        here = folder / Path(name).name
+        return here if here.is_file() and not (folder / name).exists() else folder / name
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -158,9 +163,10 @@ def read_log(path: str | Path) -> Log:
         raise refuse(path)
     columns, meta = format.read(path)
     line = csv_file.FIRST_LINE if format.read is csv_file.read_log else None
-    columns, notes = repair(columns, str(path), line)
-    for note in notes:
+    columns, mended = repair(columns, str(path), line)
+    for note in mended:
         _logger.warning("%s: %s", path, note)
+    notes = [*meta.get(READING, ()), *mended]
     return Log(columns, {**meta, **({READING: notes} if notes else {})}, path)
 
 
@@ -285,7 +291,7 @@ def _check(columns: dict[str, np.ndarray], place: str, first_line: int | None) -
         bad = np.flatnonzero(np.abs(values) > LARGEST) if moves else bad
         if bad.size:
             raise LogError(
-                f"{at(bad[0], name)}: {values[bad[0]]:g} is no position, speed or command of a "
+                f"{at(bad[0], name)}: {values[bad[0]]:g} is not a position, speed or command of a "
                 "robot; remove or repair the row"
             )
     episode, time = columns["episode"], columns["time"]
@@ -315,7 +321,7 @@ def _check_columns(columns: dict[str, np.ndarray], place: str) -> None:
         raise LogError(
             f"{place}: {what} {' and '.join(lacking)} {verb} missing{hints}; it has "
             f"{format_names(columns)}. If they have other names, `sim2real convert LOG "
-            "columns=columns.yaml` writes a mapping to check (docs/logs.md)"
+            "columns=columns.yaml` writes a mapping to check (docs/how-to/prepare_logs.md)"
         )
 
 

@@ -1,4 +1,4 @@
-"""What servos measure and how their link does, live: torque stays as it is, nothing is written.
+"""Live readings and link quality of servos: torque stays as it is, nothing is written.
 
 monitor(robot, seconds=10.0)        # the link's score, then a table a second
 

@@ -3,10 +3,10 @@
     driver = MultiBusDriver(robot, [Driver(left, port, clock), FeetechDriver(right, other, clock)])
     driver.read()                           # all buses are asked before any answer is waited for
 
-Each bus has a driver of its own, of the maker of its servos. What is asked of all servos goes out
+Each bus has its own driver, for the maker of its servos. What is asked of all servos goes out
 on every bus before an answer is waited for, so that a step takes as long as the slowest bus, not as
-all together. Torque-off is told to every bus first, and then verified bus by bus, whatever becomes
-of the others.
+all together. Torque-off is sent to every bus first, and then verified bus by bus, even if one
+fails.
 """
 
 import itertools
@@ -55,7 +55,7 @@ class MultiBusDriver(Driver):
 
     @property
     def counters(self) -> dict[str, Counters]:
-        """What happened to the requests to each servo, by its name."""
+        """The link counters of each servo, by its name."""
         found = {name: c for part in self._drivers for name, c in part.counters.items()}
         return {name: found[name] for name in self.robot.names}
 
@@ -114,7 +114,7 @@ class MultiBusDriver(Driver):
         return next(part for part in self._drivers if servo.name in part.robot.names)
 
     def health(self, i: int) -> Health | None:
-        """Read one servo's state; None if it did not answer anew."""
+        """Read one servo's state; None without a new answer."""
         part = self._of(self.robot.servos[i])
         return part.health(part.robot.names.index(self.robot.names[i]))
 
@@ -127,7 +127,7 @@ class MultiBusDriver(Driver):
         return self._of(servo).read_register(servo, name)
 
     def set_watchdogs(self, steps: int) -> None:
-        """Let each servo that can stop by itself after so many steps of 20 ms in silence."""
+        """Let each servo that can stop by itself after a number of silent steps of 20 ms."""
         for part in self._drivers:
             part.set_watchdogs(steps if part.robot.watchdog else 0)
 
@@ -135,7 +135,7 @@ class MultiBusDriver(Driver):
         """Tell the servos of every bus to switch their torque off, whatever becomes of the others.
 
         Raises:
-            SerialPortError: a port cannot be used; the others were told.
+            SerialPortError: a port cannot be used; the others received it.
         """
         self._on_all(Driver.broadcast_torque_off)
 

@@ -22,9 +22,9 @@ SHORTEST = 3  # letters of a name that is replaced; a shorter one is in every wo
 
 
 def personal() -> list[tuple[str, str]]:
-    """Return what is replaced, and by what: longer words first."""
+    """Return pairs of a word and its replacement, longer words first."""
     words = {str(Path.cwd()): ".", str(Path.home()): "~", platform.node(): "HOST"}
-    if (user := getpass.getuser()) != "root":  # a name of bodies, and of nobody
+    if (user := getpass.getuser()) != "root":  # a common word, and no person's name
         words[user] = "USER"
     kept = [(word, name) for word, name in words.items() if len(word) >= SHORTEST]
     return sorted(kept, key=lambda pair: -len(pair[0]))

@@ -1,4 +1,4 @@
-"""What a robot's file is made of: servos, buses, an IMU, a supply."""
+"""The parts of a robot's file: servos, buses, an IMU, a supply."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
@@ -38,7 +38,7 @@ class Servo:
     position: tuple[float, float]  # least and largest angle to command [rad]
     velocity: float  # fastest motion of a command [rad/s]
     torque: float | None  # largest torque [N·m], None for all it has
-    # registers of this servo beside the robot's
+    # registers of this servo in addition to the robot's
     registers: Mapping[str, int] = field(default_factory=dict)
     bus: str | None = None  # the name of its bus, where the robot has several
     # largest current [A] that the guard lets it draw for longer than `stops.patience`; None for
@@ -81,7 +81,7 @@ class Bus(BusSettings):
 
 @dataclass(frozen=True)
 class ImuErrors:
-    """What an emulated IMU measures, and how far from the truth; the axes are those of its site.
+    """Channels and errors of an emulated IMU, along the axes of its site.
 
     Args:
         measures: the quantities that the robot without ports has, some of QUANTITIES; at a port the
@@ -105,7 +105,7 @@ class ImuErrors:
 
 @dataclass(frozen=True)
 class Imu:
-    """An IMU on a serial port of its own."""
+    """An IMU on a separate serial port."""
 
     model: str  # part and mode, one of IMUS
     site: str  # of the robot's MJCF, where it is
@@ -116,7 +116,7 @@ class Imu:
 
 
 def shared_of_servos(data: Any, place: str) -> dict[str, Any]:
-    """Return what the servos of a robot have in common, what every robot's have included."""
+    """Return the settings that the servos of a robot share, including those of every robot."""
     known = [one.name for one in fields(Servo) if one.name not in ("name", "id")]
     for key in (data := mapping({} if data is None else data, place)):
         if key not in known:

@@ -30,7 +30,8 @@ class PortLock:
     """The right to use one serial port.
 
     Args:
-        name: the device's name; one that is no device, such as the emulated bus's, is not locked.
+        name: the device's name; one that is not a device, such as the emulated bus's, is not
+            locked.
     """
 
     def __init__(self, name: str) -> None:
@@ -60,7 +61,9 @@ class PortLock:
                 holders = list(_holders(self._name))
                 busy = error.errno in (errno.EAGAIN, errno.EACCES)
                 if busy and not holders and time.monotonic() < ends:
-                    time.sleep(0.05)  # whoever held it is ending, and closes its files last
+                    time.sleep(
+                        0.05
+                    )  # the process that held it is ending, and closes its files last
                     continue
                 os.close(file)
                 if not busy:
@@ -97,7 +100,7 @@ def _holders(name: str) -> Iterator[str]:
 
 
 def _serves(process: Path, files: dict[str, str], device: str) -> bool:
-    """Say whether a process holds the near end of this pseudo terminal, so is no client of it."""
+    """Return whether a process holds the near end of this pseudo terminal: it is not a client."""
     for descriptor, file in files.items():
         if file not in SERVERS:
             continue

@@ -79,7 +79,7 @@ def fast_status_packet(parts: list[tuple[int, int, bytes]], total: int) -> bytes
 
 
 def fast_length(sizes: list[int]) -> int:
-    """Return the length field of the answer to a fast read of so many bytes from each servo."""
+    """Return the length field of the answer to a fast read of a number of bytes per servo."""
     return 1 + sum(size + 4 for size in sizes)
 
 
@@ -112,7 +112,7 @@ class Parser:
 
     @property
     def pending(self) -> int:
-        """How many bytes wait for the rest of their packet."""
+        """The number of bytes that wait for the rest of their packet."""
         return len(self._buffer)
 
     def clear(self) -> None:

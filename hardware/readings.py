@@ -1,4 +1,4 @@
-"""What servos report: their motion, all at once, and their state, one at a time."""
+"""Readings of servos: their motion, all at once, and their state, one at a time."""
 
 from typing import NamedTuple
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 class Reading(NamedTuple):
-    """What the servos measured, (n,) each, in the order of the robot's file."""
+    """The servos' measured motion, (n,) each, in the order of the robot's file."""
 
     time: float  # s, when the read was asked for
     position: np.ndarray  # rad
@@ -21,7 +21,7 @@ class Reading(NamedTuple):
 
 
 class Health(NamedTuple):
-    """One servo's state beside its motion."""
+    """One servo's state other than its motion."""
 
     torque: bool
     errors: tuple[str, ...]  # of the hardware error status

@@ -52,7 +52,7 @@ class Recording:
     Args:
         guard: armed servos.
         episode: its number.
-        sensors: what is beside the servos, of which an IMU is written down; None for nothing.
+        sensors: sensors other than the servos, of which an IMU is logged; None for none.
         path: the CSV file that gets each row as it comes, see `LogWriter`; None writes none.
     """
 
@@ -112,7 +112,7 @@ class Recording:
         self._run(steps, iter(ask, None))
 
     def _run(self, count: int, steps: Iterator[tuple[np.ndarray, bool]]) -> None:
-        """Take so many steps, each asked for when its time has come."""
+        """Take a number of steps, each requested at its time."""
         driver, on = self._guard.driver, True
         pace = FixedRate(driver.clock, driver.robot.rate)
         self.link = link = LinkMonitor(pace, driver.counters, driver.score)
@@ -175,7 +175,7 @@ class Recording:
         return row | {"flag.fresh": float(reading.fresh.all())}
 
     def _sense(self, now: float) -> Mapping[str, np.ndarray]:
-        """Return what an IMU measures; stop the robot if it does not."""
+        """Return the IMU's readings; stop the robot if there are none."""
         if self._sensors is None:
             return {}
         try:
@@ -185,11 +185,11 @@ class Recording:
         return {name: value for name, value in values.items() if name in OF_THE_IMU}
 
     def log(self) -> Log:
-        """Return what was recorded so far.
+        """Return the recording so far.
 
         Returns:
             A log with ctrl, qpos, qvel, current, stamp and torque of every servo, voltage and
-            temperature as last told (one servo a step tells them), the wanted angles as `action`,
+            temperature as last read (one servo a step), the requested angles as `action`,
             the duty as `sensor.duty_<servo>`, the raw position as `sensor.count_<servo>`, and
             `flag.fresh` (0: an answer was missing, the last value is held), and the IMU's columns
             where there is one. Its metadata say

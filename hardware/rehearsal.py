@@ -1,4 +1,4 @@
-"""What control steps and answers are like on this machine and port, before torque goes on.
+"""Measure control steps and answers on this machine and port before torque is switched on.
 
     times, score = score_link(step, clock, robot, driver.counters, StopLimits())
     print(score)            # link score 0.62: go; one control step in 20 takes 3.8 ms of 10.0 ms
@@ -26,7 +26,7 @@ ATTEMPTS = 3  # the first good one counts: other programs may just have started
 
 
 class Margin(NamedTuple):
-    """How much of a limit a link uses."""
+    """The used fraction of a limit of the link."""
 
     what: str  # in words
     used: float  # part of the limit; above 1 the robot is not armed
@@ -34,7 +34,7 @@ class Margin(NamedTuple):
 
 
 class StepTimes(NamedTuple):
-    """What the steps of one attempt took [s], and what became of the answers."""
+    """The durations of one attempt's steps [s], and the counts of its answers."""
 
     typical: float  # the median, from a step's deadline to its end
     slow: float  # exceeded by the part `slow_steps` of them

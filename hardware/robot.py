@@ -33,7 +33,7 @@ class Robot:
     reading_age: float  # the time from a reading to writing the command computed from it [s]
     max_step: float  # largest change of a command in one control step [rad]
     watchdog: float  # the servos stop after this long without a command [s]
-    supply: Supply  # the power supply of the servos that have none of their own
+    supply: Supply  # the power supply of the servos without a separate one
     port: str | None = None  # the serial port, None for the emulated bus; of several the first
     hidden: Path | None = None  # a file of effects that the emulated robot hides, or None
     buses: tuple[Bus, ...] = ()  # the buses, where there are several
@@ -136,6 +136,4 @@ def check_ports(buses: Sequence[Bus], place: str) -> None:
         missing = format_names(bus.name for bus in buses if bus.port is None)
         raise RobotError(f"{place}: no port for {missing}; give one for each bus, or for none")
     if len(set(ports)) < len(ports) and None not in ports:
-        raise RobotError(
-            f"{place}: {format_names(map(str, ports))}: each bus has a port of its own"
-        )
+        raise RobotError(f"{place}: {format_names(map(str, ports))}: each bus needs its own port")

@@ -1,4 +1,4 @@
-"""Where a robot's file is, and what it holds before it is checked.
+"""Find a robot's file, and read its content before it is checked.
 
     read_robot(find_robot("bench1"))        # {"name": "bench1", "model": "bench1.xml", ...}
     read_robot(find_robot("my_robot.yaml"))
@@ -41,15 +41,15 @@ def find_robot(name_or_path: str | Path) -> Path:
 
 
 def read_robot(path: Path) -> dict[str, Any]:
-    """Return the content of a robot's file; a model that lies beside it is named by its path.
+    """Return the content of a robot's file; a model next to it is named by its path.
 
     Raises:
-        RobotError: it is no YAML, or no table.
+        RobotError: it is not YAML, or not a table.
     """
     try:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, yaml.YAMLError) as error:
         raise RobotError(f"{path}: this cannot be read as YAML: {error}") from None
     data = dict(mapping(data, str(path)))
-    beside = path.parent / str(data.get("model"))
-    return {**data, "model": str(beside)} if beside.is_file() else data
+    model = path.parent / str(data.get("model"))
+    return {**data, "model": str(model)} if model.is_file() else data

@@ -28,7 +28,7 @@ from hardware.safety import Sent
 
 
 class Step(NamedTuple):
-    """What one control step returned; the fields of `envs.rows.Step`, one row each."""
+    """The result of one control step; the fields of `envs.rows.Step`, one row each."""
 
     observation: np.ndarray  # (1, O)
     reward: np.ndarray  # (1,)
@@ -38,7 +38,7 @@ class Step(NamedTuple):
 
 
 class Commanded(NamedTuple):
-    """What was asked of the robot last.
+    """The robot's last action.
 
     The fields of `envs.tasks.base.CommandState`, one row each.
     """
@@ -49,12 +49,12 @@ class Commanded(NamedTuple):
 
 
 class ActionRecord(NamedTuple):
-    """What became of the last action; n servos in the task's order."""
+    """The outcome of the last action; n servos in the task's order."""
 
     goal: np.ndarray  # rad, (n,): what the task made of the action
     applied: np.ndarray  # rad, (n,): what was sent after every limit
     limited: np.ndarray  # (n,) bool: where they differ by a limit
-    fresh: np.ndarray  # (n,) bool: servos that answered anew
+    fresh: np.ndarray  # (n,) bool: servos with a new answer
     age: float  # s from asking the servos to writing the command
     missed: int  # deadlines missed in this step
 
@@ -99,7 +99,7 @@ class RobotRows:
         _check_sensors(self, self.needs())
 
     def needs(self) -> tuple[set[str], set[str]]:
-        """Return the sensors beside the servos that the observation, and that the reward, use."""
+        """Return the sensors, other than the servos, that the observation and the reward use."""
         seen, paid = set(), set()
         turned = np.array([[0.96, 0.16, 0.16, 0.16]])
         odd = {"gyro": np.full((1, 3), 0.3), "position": np.full((1, 3), 0.3)}
@@ -228,7 +228,7 @@ class RobotRows:
         return Step(self._last.copy(), np.zeros(1), yes, no, yes)
 
     def _facts(self) -> dict[str, Any]:
-        """Return what a log's metadata say of the task, and of who commands the robot."""
+        """Return a log's metadata of the task and of the source of its commands."""
         return {"task": type(self.task).__name__, **self.facts}
 
     def finish(self) -> None:

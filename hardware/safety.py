@@ -11,7 +11,7 @@
 A command is refused if it is not finite, clamped to each joint's limits, and moved from the last
 command by at most `max_step` and the joint's velocity. The robot is stopped, torque off and
 verified, with a SafetyError that says why, when answers fail to come, a servo reports an error,
-starts anew, gets too hot, has its watchdog trip, does not take its goals or does not follow them.
+restarts, gets too hot, has its watchdog trip, does not take its goals or does not follow them.
 While armed, the servos' own watchdogs stop them if this program dies.
 """
 
@@ -309,7 +309,7 @@ class Guard:
             ) from error
 
     def _whole_reading(self) -> Reading:
-        """Read until every servo has answered anew."""
+        """Read until every servo has given a new answer."""
         for _ in range(ASKED):
             reading = self.driver.read()
             if reading.fresh.all():

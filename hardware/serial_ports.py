@@ -5,7 +5,7 @@
     raise SerialPortError(explain_failure("/dev/ttyUSB7", error))
 
 Linux gives a serial device to a group (`dialout` or `uucp`), and holds the bytes of an FTDI adapter
-such as the U2D2 back for 16 ms unless it is told otherwise.
+such as the U2D2 back for 16 ms by default.
 """
 
 import errno
@@ -94,7 +94,7 @@ def latency_timer(name: str) -> float | None:
 
 
 def hints(port: SerialPort) -> list[str]:
-    """Return what to do before a port can be used well."""
+    """Return advice on a port that is not set up well."""
     found = []
     if not os.access(port.device, os.R_OK | os.W_OK) and os.path.exists(port.device):
         found.append(explain_failure(port.device, PermissionError(errno.EACCES, "")))

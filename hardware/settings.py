@@ -1,4 +1,4 @@
-"""What a servo's registers must hold for a robot's file, and where they differ.
+"""Registers that a robot's file requires of its servos, and their differences.
 
     for difference in differences(client, robot, servo):
         print(difference)                       # servo 2 (elbow): return_delay_time 250 -> 0: ...
@@ -29,7 +29,7 @@ class Difference(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """What is wrong, and what to write."""
+        """The difference in words, with its remedy."""
         place = f"servo {self.servo.id} ({self.servo.name})"
         return f"{place}: {self.why}; write {self.register} = {self.wanted}"
 
@@ -66,7 +66,7 @@ def _feetech_dangers(client: BusClient, servo: Servo) -> list[Difference]:
     mode = read_register(client, servo, "operating_mode")
     if mode == servo.type.position_mode:
         return []
-    why = f"operating mode {mode}: its goals are no positions"
+    why = f"operating mode {mode}: its goals are not positions"
     return [Difference(servo, "operating_mode", mode, servo.type.position_mode, why)]
 
 

@@ -27,7 +27,7 @@ def set_up(robot: Robot, client: BusClient, ask: Ask, tell: Tell) -> None:
     Raises:
         SerialPortError: the port cannot be used.
         ServoError: a servo does not answer, refuses, or is of another type.
-        HardwareError: a person said no, or nobody answered.
+        HardwareError: a person refused, or no one answered.
     """
     with client.more_patient():  # nothing moves here, and a machine may be busy
         _set_up(robot, client, ask, tell)
@@ -110,7 +110,7 @@ def write_differences(
 
     Raises:
         ServoError: a servo does not answer, or refuses.
-        HardwareError: a person said no, or nobody answered.
+        HardwareError: a person refused, or no one answered.
     """
     plans = {servo.name: _plan(robot, client, servo, there[servo.name]) for servo in servos}
     changes = [change for plan in plans.values() for change in plan]
@@ -138,7 +138,7 @@ def _plan(robot: Robot, client: BusClient, servo: Servo, found: DetectedServo) -
         for change in differences(client, robot, replace(servo, id=found.id))
     ]
     if found.id != servo.id:
-        why = "each servo has an ID of its own"
+        why = "each servo needs its own ID"
         plan.append(Difference(servo, "id", found.id, servo.id, why))
     if found.baud != robot.bus.baud:
         codes = servo.type.bauds

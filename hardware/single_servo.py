@@ -122,7 +122,7 @@ def _write_eeprom(part: Driver, servo: Servo, change: Difference) -> None:
     found = DetectedServo(baud, servo.id, kind.number, kind.firmware, kind.maker)
     new = replace(servo, id=change.wanted) if change.register == "id" else servo
     if change.register == "id" and part.bus_client.ping(new.id):
-        raise ServoError(f"a servo answers as {new.id} already; each has an ID of its own")
+        raise ServoError(f"a servo answers as {new.id} already; each needs its own ID")
     if change.register == "baud_rate":
         baud = kind.bauds[change.wanted]
     write_settings(part.bus_client, new, found, [change], baud)

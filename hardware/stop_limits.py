@@ -17,7 +17,7 @@ class StopLimits:
     """When to stop, and when not to arm.
 
     Args:
-        misses: stop after so many readings in a row without one servo's answer.
+        misses: number of consecutive readings without one servo's answer after which it stops.
         hottest: stop this far below the servo's temperature limit, read from its register [K].
         stray: stop when a joint is this far from its command [rad], or so far that a soft servo
             drives at full duty if that is further, for longer than `patience`.

@@ -1,4 +1,4 @@
-"""What each servo type is: registers by name, units, factory values and motor constants.
+"""Servo types: registers by name, units, factory values and motor constants.
 
     servo = servo_type("xl330-m288")
     servo.registers["goal_position"]        # Register(name='goal_position', address=116, size=4)
@@ -76,7 +76,7 @@ class Register:
 
 @dataclass(frozen=True)
 class Units:
-    """What one step of a raw register means."""
+    """Units of a servo type's registers, and their steps."""
 
     counts_per_turn: int
     velocity: float  # rad/s
@@ -173,7 +173,7 @@ class ServoType:
 
     @property
     def back_emf_damping(self) -> float:
-        """What turning costs with the winding driven [N·m·s/rad]: K^2 / R."""
+        """The damping by back-EMF with the winding driven [N·m·s/rad]: K^2 / R."""
         return self.torque_constant**2 / self.resistance
 
 

@@ -16,7 +16,7 @@ PAUSE = 0.02  # s between two looks at what goes on meanwhile
 
 
 class Ask(Protocol):
-    """Asks a question and returns the answer; EOFError: there is nobody."""
+    """Asks a question and returns the answer; EOFError: there is no terminal."""
 
     def __call__(self, prompt: str, meanwhile: Callable[[], object] | None = None) -> str:
         """Ask; call `meanwhile` again and again until the answer comes."""

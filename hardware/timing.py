@@ -1,4 +1,4 @@
-"""How long the bus takes, from bytes, delays and the adapter's latency.
+"""The bus's transfer times, from bytes, delays and the adapter's latency.
 
     cycle_time(robot, fast=True)        # s for commanding and reading every servo once
     sample_times(robot, fast=True)      # s after the request at which each servo measured, (n,)

@@ -44,7 +44,7 @@ class Torque:
         raise NotImplementedError
 
     def set_watchdogs(self, steps: int) -> None:
-        """Let servos stop by themselves after so many silent steps of 20 ms; 0 for never."""
+        """Let servos stop by themselves after a number of silent steps of 20 ms; 0 for never."""
         raise NotImplementedError
 
     def find_powered(self) -> None:
@@ -146,7 +146,7 @@ class Torque:
             self.clock.sleep_until(self.clock.now() + FIRST_PAUSE)
 
     def reopen_and_switch_off(self, attempt: int = 0) -> None:
-        """Open the port anew and switch off who has not confirmed it; raises as `torque_off`."""
+        """Reopen the port and switch off unconfirmed servos; raises as `torque_off`."""
         client = self.bus_client
         client.close()
         client.open(self.robot.bus.baud)

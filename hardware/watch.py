@@ -21,7 +21,7 @@ SentGoals = Sequence[tuple[float, np.ndarray]]  # s, and counts (n,)
 
 
 class Watch:
-    """What was seen of each servo since it was armed.
+    """Each servo's condition since it was armed.
 
     Args:
         driver: the servos.
@@ -111,7 +111,7 @@ class Watch:
         return f"{self._names[i]} draws {effort:.2f} A, over its {most:.2f} A, {words}"
 
     def trouble(self, i: int, health: Health | None) -> str:
-        """Return what a servo that reports an error says it is."""
+        """Describe the error that a servo reports."""
         what = format_names(health.errors) if health else "a hardware error"
         return f"{self._names[i]} reports {what}; find the reason, then reboot it"
 

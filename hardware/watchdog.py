@@ -1,4 +1,4 @@
-"""What servos do by themselves once nobody commands them.
+"""What servos do by themselves once commands stop.
 
     alone(robot, robot.names)
     # "'hip', 'knee' (each stops after 0.1 s by its watchdog, then holds its position with torque)"

@@ -51,7 +51,7 @@ def make_robot_file(port: str, model: Path, path: Path, ask: Ask, tell: Tell) ->
         tell: shows a line.
 
     Raises:
-        UsageError: nobody answers, it was interrupted, or the file ends in something else; it is
+        UsageError: no one answers, it was interrupted, or the file ends in something else; it is
             not written.
         RobotError: the model has no actuators, or the file is there already.
         HardwareError: the servos are not there, or are not what they must be.
@@ -132,7 +132,7 @@ def _one_by_one(names: Sequence[str], port: str, ask: Ask, tell: Tell) -> list[D
 def _wait_for(
     count: int, what: str, port: str, makers: Iterable[str], ask: Ask, tell: Tell
 ) -> list[DetectedServo]:
-    """Ask until so many servos answer."""
+    """Ask until a number of servos answers."""
     while True:
         ask(f"{what}, then press Enter ")
         found = _seen(port, tell, makers)
@@ -213,10 +213,10 @@ def _supply(driver: Driver) -> float:
         ServoError: a servo does not tell it.
     """
     health = [driver.health(i) for i in range(len(driver))]
-    told = [each.voltage for each in health if each is not None]
-    if not told:
-        raise ServoError(f"no servo tells its voltage: {format_names(driver.robot.names)}")
-    return statistics.median(told)
+    voltages = [each.voltage for each in health if each is not None]
+    if not voltages:
+        raise ServoError(f"no servo reports its voltage: {format_names(driver.robot.names)}")
+    return statistics.median(voltages)
 
 
 def _limits(travel: Travel) -> list[float]:

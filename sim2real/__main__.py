@@ -16,6 +16,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.terminal import is_page, open_page
+
 FULL = "HYDRA_FULL_ERROR"
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")  # NumPy's and torch's
 WANTED = "SIM2REAL_FULL_ERROR"  # what the user set FULL to, while Hydra runs with 1
@@ -62,6 +65,9 @@ def main() -> None:
             with suppress(BrokenPipeError):  # the reader, such as `head`, has seen enough
                 print(overview(sys.argv[1:]), flush=True)
             return
+        if page := page_of(sys.argv[1:]):
+            print(open_page(page))
+            return
         sys.argv[1:] = precheck(readable(sys.argv[1:]))
         launch()
     except KeyboardInterrupt as stop:
@@ -77,8 +83,20 @@ def main() -> None:
         sys.exit(_say(sentence, 2))
 
 
+def page_of(arguments: list[str]) -> str | None:
+    """Return the page that `view PAGE.html` opens, without a run's folder; None: another command.
+
+    Raises:
+        Sim2RealError: more than a page is given.
+    """
+    pages = [one for one in arguments[1:] if is_page(one)] if arguments[:1] == ["view"] else []
+    if pages and len(arguments) != 2:
+        raise Sim2RealError("view opens one page and takes nothing else: sim2real view PAGE.html")
+    return pages[0] if pages else None
+
+
 def readable(arguments: list[str]) -> list[str]:
-    """Return what was typed as Hydra's overrides, if this project's packages are all found.
+    """Return the arguments as Hydra's overrides, if this project's packages are all found.
 
     Raises:
         ConfigError: a package of the same name that hides ours; see also `as_overrides`.

@@ -7,9 +7,11 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import pytest
 import yaml
 
 ROOT = Path(__file__).resolve().parent.parent
+WORKFLOWS = sorted((ROOT / ".github/workflows").glob("*.yml"))
 MAKE = re.compile(r"^(?:exec )?make ([a-z-]+)$", re.MULTILINE)
 
 
@@ -34,6 +36,32 @@ def test_the_workflow_runs_every_python_that_is_promised() -> None:
     assert versions[0] == project["requires-python"].removeprefix(">=")
     named = re.findall(r":: Python :: (3\.\d+)", "\n".join(project["classifiers"]))
     assert set(named) <= set(versions)
+
+
+def test_the_documentation_is_published_with_its_sample_reports() -> None:
+    """Built by `make docs` into the folder that mkdocs.yml names, and each sample is checked."""
+    text = (ROOT / ".github/workflows/docs.yml").read_text(encoding="utf-8")
+    build, deploy = yaml.safe_load(text)["jobs"].values()
+    commands = "\n".join(step.get("run", "") for step in build["steps"])
+    assert MAKE.findall(commands) == ["docs"]
+    site = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    (folder,) = re.findall(r"^site_dir: (.+)$", site, re.MULTILINE)
+    (upload,) = (step for step in build["steps"] if "upload-pages" in step.get("uses", ""))
+    assert upload["with"]["path"] == folder
+    samples = {path.name for path in (ROOT / "docs/samples").glob("*.html")}
+    assert set(re.findall(rf"{folder}/samples/(\S+\.html)", commands)) == samples
+    assert deploy["needs"] == "build"
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.stem)
+def test_workflows_may_do_little_and_run_pinned_actions(path: Path) -> None:
+    """Each reads the repository at most unless a job says more, and names actions by their hash."""
+    workflow = yaml.safe_load(path.read_text(encoding="utf-8"))
+    assert workflow["permissions"] == {"contents": "read"}
+    for one in workflow["jobs"].values():
+        assert one["timeout-minutes"] <= 90
+        for step in one["steps"]:
+            assert re.fullmatch(r"[\w./-]+@[0-9a-f]{40}", step.get("uses", f"a@{'0' * 40}"))
 
 
 def test_hooks_need_nothing_from_elsewhere() -> None:

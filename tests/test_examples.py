@@ -44,3 +44,13 @@ def test_parameters_adapt(tmp_path: Path) -> None:
     before, after = map(float, re.findall(r"-\d\.\d+", run("adapt_in_episodes.py", tmp_path)))
     assert before == -0.14
     assert after > -0.05
+
+
+@pytest.mark.slow
+def test_another_librarys_world_is_trained_on(tmp_path: Path) -> None:
+    """Ten iterations on Gymnasium's pendulum leave metrics and a policy."""
+    run("train_elsewhere.py", tmp_path)
+    out = tmp_path / "outputs" / "elsewhere"
+    rows = (out / "metrics.csv").read_text().splitlines()
+    assert len(rows) == 11
+    assert list((out / "checkpoints").iterdir())

@@ -6,7 +6,7 @@ six values, friction and gain of three joints, to the same log, both from the mo
 (`mujoco.sysid` from beside its bounds, at which it would stall), and count how often they replay
 it: seconds of the robot simulated, over the log's length.
 
-Each row works in a process of its own, so that its memory can be told.
+Each row works in a process of its own, so that its memory can be measured.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from hardware.config import Robot, load_robot
 from hardware.excite import excite
 from hardware.log import Log, read_log, write_log
 from hardware.stand import MODEL, angles_at_home, home_pose
-from sim2real.exam.inject import told
+from sim2real.exam.inject import keep_joints
 from sim2real.exam.logs import SIZE, drive, motions
 from sim2real.runs.files import write_text
 
@@ -74,7 +74,7 @@ def _arm(folder: Path, joints: int) -> Robot:
     servos = robot.servos[:joints]
     moving = [servo.name for servo in servos]
     home = angles_at_home(mujoco.MjModel.from_xml_path(str(robot.model)))
-    spec = told(Path(robot.model), moving)
+    spec = keep_joints(Path(robot.model), moving)
     angles = [home[name] for name in moving]
     spec.add_key(name="home", qpos=angles, ctrl=angles)
     spec.compile()

@@ -120,7 +120,7 @@ class _Beam(BoundEffect):
 
 
 class LightDirection(Appearance):
-    """Where the lights shine from: turned about the world's x axis, then about its y axis."""
+    """The lights' direction: turned about the world's x axis, then about its y axis."""
 
     name = "light_direction"
     engines = BOTH
@@ -144,7 +144,7 @@ class _Stand(BoundEffect):
 
 
 class CameraShift(Appearance):
-    """How far the cameras stand from where the model has them, along their own axes."""
+    """The cameras' offset from the model's positions, along their own axes."""
 
     name = "camera_shift"
     engines = BOTH

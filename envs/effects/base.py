@@ -51,7 +51,7 @@ class Effect:
         how: `set`, `add` or `scale`; None takes the effect's first way.
         side: for backlash and compliance: `motor` (the encoder is before them) or `link` (the servo
             sees them).
-        free: the extras that are parameters of their own, to be drawn or fitted; the others are
+        free: the extras that are separate parameters, to be drawn or fitted; the others are
             constants.
         extra: values of the extras that are constants, or neutral values of the free ones.
 
@@ -83,7 +83,7 @@ class Effect:
 
     # For the simulator.
     law: ClassVar[type[Any]]  # what acts on a plant, made of plant and effect; see `bind`
-    engines: ClassVar[tuple[Engine, ...]] = ("batch",)  # that have it; see `works_on`
+    engines: ClassVar[tuple[Engine, ...]] = ("batch",)  # that have it
     constants: ClassVar[bool] = False  # whether the model's derived constants depend on it
     moves_mass: ClassVar[bool] = False  # whether it moves a centre of mass or turns principal axes
     composes: ClassVar[bool] = False  # whether it may stand twice at a place, added or multiplied
@@ -185,7 +185,7 @@ class Effect:
         return Parameter(self.label(*scalar), self.name, self.where, **{**own, **changes})
 
     def options(self) -> dict[str, Any]:
-        """Return the arguments that are no numbers, by name, as `effects.yaml` keeps them."""
+        """Return the arguments that are not numbers, by name, as `effects.yaml` keeps them."""
         return {}
 
     def free_parameters(self) -> tuple[Parameter, ...]:
@@ -205,16 +205,12 @@ class Effect:
             return values[:, values.shape[1] - len(free) + free.index(name)]
         return np.full(len(values), self.extra[name])
 
-    def works_on(self, engine: Engine) -> bool:
-        """Return whether an engine has the effect; a loop closed behind a joint needs the batch."""
-        return engine in self.engines and (engine == "batch" or self.side != "link")
-
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Add to the model's structure what the effect needs."""
 
     @property
     def edits(self) -> bool:
-        """Whether the effect adds to the model's structure, so that it has to be compiled anew."""
+        """Whether the effect adds to the model's structure, so that it has to be recompiled."""
         return type(self).edit is not Effect.edit
 
     def check(self, model: mujoco.MjModel) -> None:
@@ -259,7 +255,7 @@ class Effect:
 
     @classmethod
     def variants(cls, scale: RobotScale) -> list[dict[str, Any]]:
-        """Return the arguments, beside `where`, with which a search should try the effect.
+        """Return the arguments, other than `where`, with which a search should try the effect.
 
         Every side, with the extras free that a fit moves. Extras that must be given are taken from
         what is known of the robot; none is returned where one is not known.

@@ -1,4 +1,4 @@
-"""What an effect is on a plant: values of fields, rules between steps, readings.
+"""An effect bound to a plant: values of fields, rules between steps, readings.
 
 In one control step a plant calls its bound effects in this order, within a kind by their `order`,
 then as given:

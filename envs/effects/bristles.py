@@ -23,6 +23,7 @@ import numpy as np
 from envs.effects.bound import SubstepRule
 from envs.effects.places import Block, block, spaced
 from envs.effects.plant_view import PlantView
+from envs.physics.arrays import Array
 
 STABLE = 0.25  # largest (dt w)² of bristles under an explicit integration
 AT_REST = 1e-3  # rad/s: a joint that starts slower than this is held by its bristles
@@ -46,48 +47,56 @@ class Bristles(SubstepRule):
 
     def __init__(self, plant: PlantView, dofs: np.ndarray) -> None:
         model, shape = plant.model, (plant.num_rows, len(dofs))
-        self.bend, self.faded = np.zeros((plant.num_rows, 1)), np.zeros(shape)
-        self.ratio = np.zeros((plant.num_rows, 1))
+        self._plant, self._arrays, self._xp = plant, plant.arrays, plant.arrays.xp
+        self.bend, self.ratio = np.zeros((plant.num_rows, 1)), np.zeros((plant.num_rows, 1))
+        self.faded = self._arrays.zeros(shape)
         self._dofs, self._dt, self._applied = dofs, model.opt.timestep, plant.applied
-        self._loss, self._damping = plant.live("dof_frictionloss"), plant.live("dof_damping")
-        self._qvel, self._smooth = plant.layout.raw_qvel, plant.batch.bind("qfrc_smooth")
-        self._inertia = model.dof_M0[dofs]
+        plant.live("dof_frictionloss")
+        plant.live("dof_damping")
+        self._qvel, self._smooth = plant.layout.raw_qvel, plant.physics.bind("qfrc_smooth")
+        self._inertia = self._arrays.own(model.dof_M0[dofs])
         explicit = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
         self._stiffest = STABLE * self._inertia / self._dt**2 if explicit else np.inf
-        self._z, self._decay = np.zeros(shape), np.zeros(shape)  # rad, 1/s
-        self._running = np.zeros(plant.num_rows, dtype=bool)
+        self._z, self._decay = (self._arrays.zeros(shape) for _ in range(2))  # rad, 1/s
+        self._running = self._arrays.zeros(plant.num_rows, bool)
 
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
         """Let the first substep find what bends the bristles."""
-        self._running[ids] = False
+        self._running[self._arrays.rows(ids)] = False
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         """Keep the rows whose bristles bend."""
         rows = np.arange(len(self.bend))[ids]
         bent = rows[self.bend[rows, 0] > 0]
-        self._some, self._bent, self._at = bool(bent.size), spaced(bent), block(bent, self._dofs)
+        own, index = self._arrays.own, self._arrays.index
+        self._some, self._bent = bool(bent.size), index(spaced(bent))
+        self._at = index(block(bent, self._dofs))
+        self._deep, self._damped = own(self.bend[bent]), own(self.ratio[bent])  # (n, 1)
+        self._loss, self._damping = (
+            self._plant.now(name) for name in ("dof_frictionloss", "dof_damping")
+        )
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         """Replace the friction loss of the joints by the bristles' torque."""
         rows, at, dt = self._bent, self._at, self._dt
         if not self._some:
             return
-        speed, level = self._qvel[at], np.maximum(self._loss[at], LEAST)
-        stiffness = (level + self.faded[rows]) / self.bend[rows]
-        stiffness = np.minimum(stiffness, self._stiffest)
-        damping = 2.0 * self.ratio[rows] * np.sqrt(stiffness * self._inertia)
+        xp = self._xp
+        speed, level = self._qvel[at], xp.maximum(self._loss[at], LEAST)
+        stiffness = (level + self.faded[rows]) / self._deep
+        stiffness = xp.minimum(stiffness, self._stiffest)
+        damping = 2.0 * self._damped * xp.sqrt(stiffness * self._inertia)
         moved = (self._z[rows] + dt * speed) / (1.0 + dt * self._decay[rows])
-        z = np.where(self._running[rows][:, None], moved, self._first(at, speed, stiffness, level))
-        decay = stiffness * np.abs(speed) / level
+        z = xp.where(self._running[rows][:, None], moved, self._first(at, speed, stiffness, level))
+        decay = stiffness * xp.abs(speed) / level
         slope = (stiffness * dt + damping) / (1.0 + dt * decay)
         self._applied[at] -= (slope - damping) / dt * z
         self._damping[at] += slope
         self._loss[at] = 0.0
         self._z[rows], self._decay[rows], self._running[rows] = z, decay, True
 
-    def _first(
-        self, at: Block, speed: np.ndarray, stiffness: np.ndarray, level: np.ndarray
-    ) -> np.ndarray:
+    def _first(self, at: Block, speed: Array, stiffness: Array, level: Array) -> Array:
         """Return how far a start bends the bristles: a joint at rest is held as far as they can."""
-        held = np.clip(self._smooth[at], -level, level)
-        return np.where(np.abs(speed) < AT_REST, held, np.sign(speed) * level) / stiffness
+        xp = self._xp
+        held = xp.minimum(xp.maximum(self._smooth[at], -level), level)
+        return xp.where(xp.abs(speed) < AT_REST, held, xp.sign(speed) * level) / stiffness

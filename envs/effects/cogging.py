@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from envs.effects.base import RULES, Effect, Extra, Sizes
+from envs.effects.base import BOTH, RULES, Effect, Extra, Sizes
 from envs.effects.bound import SubstepRule
 from envs.effects.extras import phase
 from envs.effects.places import block, joints
@@ -19,6 +19,7 @@ class _Cogging(SubstepRule):
 
     def __init__(self, plant: PlantView, effect: Effect) -> None:
         self.effect, self.qpos, self.applied = effect, plant.layout.raw_qpos, plant.applied
+        self.arrays, self.sin = plant.arrays, plant.arrays.xp.sin
         found = joints(plant.model, effect.where)
         self.q, self.v = plant.model.jnt_qposadr[found], plant.model.jnt_dofadr[found]
         self.value, self.count, self.phase = (np.zeros((plant.num_rows, 1)) for _ in range(3))
@@ -29,12 +30,13 @@ class _Cogging(SubstepRule):
         self.phase[ids, 0] = self.effect.scalar("phase", values)
 
     def prepare(self, ids: np.ndarray | slice) -> None:
-        self.at, self.to = block(ids, self.q), block(ids, self.v)
-        self.wave = self.value[ids], self.count[ids], self.phase[ids]
+        own, index = self.arrays.own, self.arrays.index
+        self.at, self.to = index(block(ids, self.q)), index(block(ids, self.v))
+        self.wave = own(self.value[ids]), own(self.count[ids]), own(self.phase[ids])
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         value, count, phase = self.wave
-        self.applied[self.to] += value * np.sin(count * self.qpos[self.at] + phase)
+        self.applied[self.to] += value * self.sin(count * self.qpos[self.at] + phase)
 
 
 class Cogging(Effect):
@@ -42,6 +44,7 @@ class Cogging(Effect):
 
     name = "cogging"
     place = "joint"
+    engines = BOTH
     unit = "N·m"
     extras = (
         Extra(

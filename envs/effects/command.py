@@ -2,7 +2,7 @@
 
 import math
 import zlib
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import mujoco
 import numpy as np
@@ -18,6 +18,7 @@ from envs.effects.servo import ActuatorEffect, is_joint_servo
 from envs.errors import EffectError
 from envs.noise import uniform
 from envs.params import Parameter
+from envs.physics.arrays import Array
 
 NO_LIMIT = 1e6  # rad/s or rad/s²: a profile without this limit (parameters are finite numbers)
 LINEAR = 1  # the engine's number for linear interpolation of a delay line
@@ -79,27 +80,26 @@ class _Loss(CommandRule):
     order = 10
 
     def __init__(self, plant: PlantView, effect: Effect) -> None:
-        self.value, self.held = np.zeros(plant.num_rows), np.zeros((plant.num_rows, plant.model.nu))
-        self.count, self.seeds = (
-            np.zeros(plant.num_rows, np.int64),
-            np.zeros(plant.num_rows, np.uint64),
-        )
+        self.arrays, n = plant.arrays, plant.num_rows
+        zeros = self.arrays.zeros
+        self.value, self.held = zeros((n, 1)), zeros((n, plant.model.nu))
+        self.count, self.seeds = zeros(n, np.int64), zeros(n, np.uint64)
         self.stream = stream(effect.label())
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
-        self.value[ids] = values[:, 0]
+        self.value[self.arrays.rows(ids)] = self.arrays.own(values[:, :1])
 
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
-        self.count[ids], self.seeds[ids] = 0, seeds
+        rows = self.arrays.rows(ids)
+        self.count[rows], self.seeds[rows] = 0, self.arrays.own(np.asarray(seeds, np.uint64))
 
     def on_episode_start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
-        self.held[ids] = ctrl
+        self.held[self.arrays.rows(ids)] = self.arrays.own(ctrl)
 
-    def command(self, ids: np.ndarray | slice, ctrl: np.ndarray) -> None:
-        lost = (
-            uniform(self.seeds[ids], self.stream + self.count[ids], 1) < self.value[ids][:, None]
-        )  # (n, 1)
-        ctrl[:] = np.where(lost, self.held[ids], ctrl)
+    def command(self, ids: Any, ctrl: Array) -> None:
+        xp, streams = self.arrays.xp, self.stream + self.count[ids]
+        lost = uniform(self.seeds[ids], streams, 1, xp) < self.value[ids]  # (n, 1)
+        ctrl[:] = xp.where(lost, self.held[ids], ctrl)
         self.held[ids] = ctrl
         self.count[ids] += 1
 
@@ -108,6 +108,7 @@ class PacketLoss(Effect):
     """The probability that a control step's command is lost; all servos hold the one before."""
 
     name = "packet_loss"
+    engines = BOTH
     place = "robot"
     unit = ""
     typical = (0.0, 0.1)
@@ -131,7 +132,7 @@ class Profile(SubstepRule):
 
     def __init__(self, plant: PlantView) -> None:
         model = plant.model
-        self.plant, self.dt = plant, model.opt.timestep
+        self.plant, self.arrays, self.dt = plant, plant.arrays, model.opt.timestep
         self.index = np.array([i for i in range(model.nactuator) if is_joint_servo(model, i)])
         self.columns = model.actuator_ctrladr[self.index]  # (k,)
         gear = model.actuator_gear[self.index, 0]
@@ -146,8 +147,12 @@ class Profile(SubstepRule):
             "velocity": [],
             "acceleration": [],
         }
-        self.goal, self.speed, self.target = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-        self.before = np.zeros(shape)  # the targets until the last command
+        # in the engine: where goals are, how fast they move, their targets until the last command
+        # and from then on
+        self.goal, self.speed, self.before, self.target = (
+            self.arrays.zeros(shape) for _ in range(4)
+        )
+        self.sent = self.arrays.own(self.columns)
         self.moving = np.zeros(plant.num_rows, dtype=bool)  # rows whose goals are kept
 
     def collect(self, kind: str, ids: np.ndarray) -> None:
@@ -160,11 +165,20 @@ class Profile(SubstepRule):
 
     def on_episode_start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
         """Begin at rest at the command that was held."""
-        self._rest(ids, ctrl[:, self.columns])
+        self._rest(ids, self.arrays.own(ctrl[:, self.columns]))
         self.moving[ids] = self._limited(ids)
 
-    def _rest(self, ids: np.ndarray, goal: np.ndarray) -> None:
-        self.goal[ids], self.speed[ids] = self._clipped(ids, goal), 0.0
+    def _rest(self, ids: np.ndarray, goal: Array) -> None:
+        rows, (low, high) = self.arrays.rows(ids), self._range(ids)
+        self.goal[rows], self.speed[rows] = self._within(goal, low, high), 0.0
+
+    def _range(self, ids: np.ndarray | slice) -> tuple[Array, Array]:
+        """Return the ends of the servos' control ranges in the rows ids, (n, k) each."""
+        bounds = control_range(self.plant, ids)[:, self.columns]
+        return self.arrays.own(bounds[..., 0]), self.arrays.own(bounds[..., 1])
+
+    def _within(self, x: Array, low: Array, high: Array) -> Array:
+        return self.arrays.xp.minimum(self.arrays.xp.maximum(x, low), high)
 
     def _limited(self, ids: np.ndarray) -> np.ndarray:
         """Return in which of the rows ids (n,) a goal has a limit, (n,)."""
@@ -176,50 +190,50 @@ class Profile(SubstepRule):
         rows = np.arange(self.plant.num_rows)[ids]
         limited = self._limited(rows)
         fresh = rows[limited & ~self.moving[rows]]  # were free: there already
-        self._rest(fresh, self.before[fresh])
+        self._rest(fresh, self.before[self.arrays.rows(fresh)])
         self.moving[rows] = limited
-        self.rests, self.rows = not limited.any(), spaced(rows[limited])
-        self.at = block(self.rows, self.columns)
-        bounds = control_range(self.plant, self.rows)[:, self.columns]
-        self.ends = bounds[..., 0], bounds[..., 1]
-        fastest, hardest, dt = self.velocity[self.rows], self.acceleration[self.rows], self.dt
+        own, limits = self.arrays.own, spaced(rows[limited])
+        self.rests, self.rows = not limited.any(), self.arrays.index(limits)
+        self.at, self.ends = self.arrays.index(block(limits, self.columns)), self._range(limits)
+        fastest, hardest, dt = self.velocity[limits], self.acceleration[limits], self.dt
         hard, free = np.isfinite(hardest), np.isinf(fastest) & np.isinf(hardest)
-        self.fastest, self.change, soft = fastest, hardest * dt, np.where(hard, hardest, 1.0)
-        self.soft = soft * dt, soft * dt * dt  # rad/s, rad: what a substep's braking changes
-        self.hard, self.free = (None if hard.all() else hard), (free if free.any() else None)
+        self.fastest, self.change, soft = (
+            own(fastest),
+            own(hardest * dt),
+            np.where(hard, hardest, 1),
+        )
+        # rad/s, rad: what a substep's braking changes
+        self.soft = own(soft * dt), own(soft * dt * dt)
+        self.hard, self.free = None if hard.all() else own(hard), own(free) if free.any() else None
 
-    def receive(self, ids: np.ndarray | slice, ctrl: np.ndarray) -> None:
+    def receive(self, ids: Any, ctrl: Array) -> None:
         """Take new targets from commands (n, nu)."""
         self.before[ids] = self.target[ids]
-        self.target[ids] = ctrl[:, self.columns]
+        self.target[ids] = ctrl[:, self.sent]
 
-    def _clipped(self, ids: np.ndarray | slice, target: np.ndarray) -> np.ndarray:
-        bounds = control_range(self.plant, ids)[:, self.columns]
-        return np.clip(target, bounds[..., 0], bounds[..., 1])
-
-    def before_substep(self, ids: np.ndarray | slice) -> None:
+    def before_substep(self, ids: Any) -> None:
         """Move the goals by one substep, and make them the commands."""
-        rows, dt, change = self.rows, self.dt, self.change
+        rows, dt, change, xp = self.rows, self.dt, self.change, self.arrays.xp
         if self.rests:
             return
         goal, speed, sent = self.goal[rows], self.speed[rows], self.target[rows]
-        target = np.minimum(np.maximum(sent, self.ends[0]), self.ends[1])
+        target = self._within(sent, *self.ends)
         way = target - goal
-        far = np.abs(way)
-        braking = self.soft[0] * (np.sqrt(0.25 + 2.0 * far / self.soft[1]) - 0.5)
+        far = xp.abs(way)
+        braking = self.soft[0] * (xp.sqrt(0.25 + 2.0 * far / self.soft[1]) - 0.5)
         direct = far / dt
-        wanted = np.minimum(braking, direct)  # stops at the target
+        wanted = xp.minimum(braking, direct)  # stops at the target
         if self.hard is not None:
-            wanted = np.where(self.hard, wanted, direct)
-        wanted = np.sign(way) * np.minimum(wanted, self.fastest)
-        speed = speed + np.minimum(np.maximum(wanted - speed, -change), change)
-        fast = np.abs(speed)
+            wanted = xp.where(self.hard, wanted, direct)
+        wanted = xp.sign(way) * xp.minimum(wanted, self.fastest)
+        speed = speed + self._within(wanted - speed, -change, change)
+        fast = xp.abs(speed)
         there = (far <= fast * dt * (1 + 1e-9)) & (fast <= change)
         if self.free is not None:
             there |= self.free
-        goal = np.where(there, target, goal + speed * dt)
-        self.goal[rows], self.speed[rows] = goal, np.where(there, 0.0, speed)
-        self.plant.ctrl[self.at] = goal if self.free is None else np.where(self.free, sent, goal)
+        goal = xp.where(there, target, goal + speed * dt)
+        self.goal[rows], self.speed[rows] = goal, xp.where(there, 0.0, speed)
+        self.plant.ctrl[self.at] = goal if self.free is None else xp.where(self.free, sent, goal)
 
 
 class _Targets(CommandRule):
@@ -230,7 +244,7 @@ class _Targets(CommandRule):
     def __init__(self, profile: Profile) -> None:
         self._profile = profile
 
-    def command(self, ids: np.ndarray | slice, ctrl: np.ndarray) -> None:
+    def command(self, ids: Any, ctrl: Array) -> None:
         self._profile.receive(ids, ctrl)
 
 
@@ -250,6 +264,7 @@ class _Limit(BoundEffect):
 class _ProfileEffect(ActuatorEffect):
     """A limit on the motion of a servo's goal; 1e6 is no limit."""
 
+    engines = BOTH
     hows = ("set",)
     no_mjcf = "MJCF has no limit on the motion of a goal"
     comparable = True
@@ -286,7 +301,7 @@ class ProfileVelocity(_ProfileEffect):
 
 
 class ProfileAcceleration(_ProfileEffect):
-    """How hard a servo accelerates and brakes its goal; 1e6 (a register value of 0) is no limit."""
+    """The acceleration limit of a servo's goal; 1e6 (a register value of 0) is no limit."""
 
     name = "profile_acceleration"
     unit = "rad/s²"

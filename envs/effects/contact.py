@@ -49,7 +49,7 @@ def _meet(model: mujoco.MjModel, one: np.ndarray, other: np.ndarray) -> np.ndarr
 
 
 def touching(model: mujoco.MjModel, poses: np.ndarray) -> tuple[str, ...]:
-    """Return what stands on the ground in any of the poses (K, nq), by name.
+    """Return the names of what stands on the ground in any of the poses (K, nq).
 
     A geom's own name, or that of its body where it has none.
     """

@@ -10,7 +10,7 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import RULES, Extra
+from envs.effects.base import BOTH, RULES, Extra
 from envs.effects.bound import SubstepRule
 from envs.effects.history import DelayedCommands
 from envs.effects.places import block, joint_driven
@@ -31,8 +31,8 @@ class _DriveRule(SubstepRule):
         self.gear = model.actuator_gear[index, 0]  # (k,)
         joint = model.actuator_trnid[index, 0]
         self.q, self.v = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
-        self.gain, self.bias = plant.live("actuator_gainprm"), plant.live("actuator_biasprm")
-        self.range = plant.live("actuator_forcerange")  # (N, actuators, 2)
+        for name in ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange"):
+            plant.live(name)
         self.group = model.actuator_group[index]
         self.value = np.zeros((plant.num_rows, 1))
 
@@ -50,12 +50,17 @@ class _DriveRule(SubstepRule):
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         """Keep where the actuators and joints are in the rows ids of fields, and the values."""
-        self.at, self.own = block(ids, self.index), self.value[ids]
-        self.places = block(ids, self.q), block(ids, self.v)
+        own, index = self.plant.arrays.own, self.plant.arrays.index
+        self.gain, self.bias = (
+            self.plant.now(name) for name in ("actuator_gainprm", "actuator_biasprm")
+        )
+        self.range = self.plant.now("actuator_forcerange")  # (N, actuators, 2)
+        self.at, self.own = index(block(ids, self.index)), own(self.value[ids])
+        self.places = index(block(ids, self.q)), index(block(ids, self.v))
         self.low, self.high = (*self.at, 0), (*self.at, 1)  # in the range
 
     def law(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return what the actuators' laws ask for in the coming substep, (n, k) each.
+        """Return the actuators' requested torques in the coming substep, (n, k) each.
 
         The force, its part from the command and the position, and the gain.
         """
@@ -75,6 +80,7 @@ class _Knee(_DriveRule):
     def __init__(self, plant: PlantView, effect: TorqueSpeedKnee) -> None:
         super().__init__(plant, effect)
         self.effect, self.no_load = effect, np.ones((plant.num_rows, 1))
+        self.xp, self.turn = plant.arrays.xp, plant.arrays.own(np.sign(self.gear))
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         super().write(ids, values)
@@ -82,13 +88,14 @@ class _Knee(_DriveRule):
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         super().prepare(ids)
-        self.free, self.fall = self.no_load[ids] * self.own, (self.no_load[ids] - 1) * self.own
+        no_load = self.plant.arrays.own(self.no_load[ids])
+        self.free, self.fall = no_load * self.own, (no_load - 1) * self.own
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
-        speed = self.plant.layout.raw_qvel[self.places[1]] * np.sign(self.gear)  # (n, k)
-        left = np.minimum(np.maximum((self.free - np.abs(speed)) / self.fall, 0.0), 1.0)
-        self.range[self.high] *= np.where(speed > 0, left, 1.0)
-        self.range[self.low] *= np.where(speed < 0, left, 1.0)
+        xp, speed = self.xp, self.plant.layout.raw_qvel[self.places[1]] * self.turn  # (n, k)
+        left = xp.minimum(xp.maximum((self.free - xp.abs(speed)) / self.fall, 0.0), 1.0)
+        self.range[self.high] *= xp.where(speed > 0, left, 1.0)
+        self.range[self.low] *= xp.where(speed < 0, left, 1.0)
 
 
 class TorqueSpeedKnee(ActuatorEffect):
@@ -99,6 +106,7 @@ class TorqueSpeedKnee(ActuatorEffect):
     """
 
     name = "torque_speed_knee"
+    engines = BOTH
     unit = "rad/s"
     hows: ClassVar[tuple[How, ...]] = ("set",)
     extras = (

@@ -1,36 +1,44 @@
 """An encoder whose disc or magnet is off its axis."""
 
+from typing import Any
+
 import numpy as np
 
-from envs.effects.base import RULES, Effect
+from envs.effects.base import BOTH, RULES, Effect
 from envs.effects.bound import Measurement, SubstepRule
 from envs.effects.extras import phase
 from envs.effects.places import block, joints
 from envs.effects.plant_view import PlantView
 from envs.effects.servo import is_joint_servo
+from envs.physics.arrays import Array
 
 STEPS = 4  # of Newton's method, which starts within the amplitude of the answer
 
 
 class _Eccentric(Measurement):
-    """What the encoders of k joints say: angle + value sin(angle + phase)."""
+    """Readings of k eccentric encoders: angle + value sin(angle + phase)."""
 
     order = 25
 
     def __init__(self, plant: PlantView, effect: Effect) -> None:
         found = joints(plant.model, effect.where)
         addresses = np.array([plant.layout.address(int(j)) for j in found])
-        self.effect, (self.q, self.v) = effect, addresses.T
+        self.effect, self.arrays, (self.q, self.v) = effect, plant.arrays, addresses.T
         self.value, self.phase = (np.zeros((plant.num_rows, 1)) for _ in range(2))
+        self.size, self.start = (self.arrays.zeros((plant.num_rows, 1)) for _ in range(2))
+        self.columns = self.arrays.own(self.q), self.arrays.own(self.v)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         self.value[ids] = values[:, :1]
         self.phase[ids, 0] = self.effect.scalar("phase", values)
+        rows, own = self.arrays.rows(ids), self.arrays.own
+        self.size[rows], self.start[rows] = own(self.value[ids]), own(self.phase[ids])
 
-    def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
-        angle = qpos[:, self.q] + self.phase[ids]
-        qpos[:, self.q] += self.value[ids] * np.sin(angle)
-        qvel[:, self.v] *= 1.0 + self.value[ids] * np.cos(angle)
+    def measure(self, ids: Any, qpos: Array, qvel: Array) -> None:
+        xp, (q, v) = self.arrays.xp, self.columns
+        angle = qpos[:, q] + self.start[ids]
+        qpos[:, q] += self.size[ids] * xp.sin(angle)
+        qvel[:, v] *= 1.0 + self.size[ids] * xp.cos(angle)
 
     def measure_path(self, dt: float, qpos: np.ndarray, qvel: np.ndarray) -> None:
         angle = qpos[:, :, self.q] + self.phase[:, None]
@@ -54,17 +62,20 @@ class _Loop(SubstepRule):
     def __init__(self, plant: PlantView, encoder: _Eccentric, servos: np.ndarray) -> None:
         model = plant.model
         self.plant, self.encoder, self.servos = plant, encoder, servos
-        self.gear, joint = model.actuator_gear[servos, 0], model.actuator_trnid[servos, 0]
+        joint, self.xp = model.actuator_trnid[servos, 0], plant.arrays.xp
+        self.gear = plant.arrays.own(model.actuator_gear[servos, 0])
         self.q, self.v = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
-        self.bias = plant.live("actuator_biasprm")
+        plant.live("actuator_biasprm")
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         """Keep the rows whose encoders are off their axes, and how far."""
         rows = np.arange(self.plant.num_rows)[ids]
         rows = rows[self.encoder.value[rows, 0] != 0]
-        self.at, self.rows = block(rows, self.servos), rows
-        self.size, self.phase = self.encoder.value[rows], self.encoder.phase[rows]
-        self.places = block(rows, self.q), block(rows, self.v)
+        own, index = self.plant.arrays.own, self.plant.arrays.index
+        self.bias = self.plant.now("actuator_biasprm")
+        self.at, self.rows = index(block(rows, self.servos)), rows
+        self.size, self.phase = own(self.encoder.value[rows]), own(self.encoder.phase[rows])
+        self.places = index(block(rows, self.q)), index(block(rows, self.v))
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         """Shift the laws by what the encoders say too much."""
@@ -72,9 +83,9 @@ class _Loop(SubstepRule):
             return
         layout, (q, v) = self.plant.layout, self.places
         angle = layout.raw_qpos[q] + self.phase
-        speed = self.size * np.cos(angle) * layout.raw_qvel[v]
+        speed = self.size * self.xp.cos(angle) * layout.raw_qvel[v]
         stiff, drag = self.bias[(*self.at, 1)], self.bias[(*self.at, 2)]  # (n, k)
-        shift = stiff * self.size * np.sin(angle) + drag * speed
+        shift = stiff * self.size * self.xp.sin(angle) + drag * speed
         self.bias[(*self.at, 0)] += self.gear * shift
 
 
@@ -88,6 +99,7 @@ class EncoderEccentricity(Effect):
 
     name = "encoder_eccentricity"
     place = "joint"
+    engines = BOTH
     unit = "rad"
     extras = (phase("the error's phase at q = 0"),)
     typical = (0.0, 0.05)

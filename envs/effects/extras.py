@@ -1,4 +1,4 @@
-"""What an effect says about its scalars: further ones, and how large an exam hides it."""
+"""Descriptions of an effect's further scalars, and of the sizes in which an exam hides it."""
 
 import math
 from typing import Literal, NamedTuple
@@ -15,7 +15,7 @@ class Extra(NamedTuple):
     low: float  # smallest value
     high: float  # largest value
     about: str  # what it is
-    # range within which a diagnosis fits it beside the value; None: it stays constant
+    # range within which a diagnosis fits it together with the value; None: it stays constant
     fit: tuple[float, float] | None = None
     # what real robots show; the exam's search for rivals goes through all of it. None: it stays
     # constant there.
@@ -29,7 +29,7 @@ def phase(about: str) -> Extra:
 
 
 class Sizes(NamedTuple):
-    """How large an exam hides an effect: multiples of a number that the robot itself has.
+    """The sizes in which an exam hides an effect: multiples of one of the robot's own values.
 
     Args:
         form: how a size becomes a value: `add` size * unit, `signed` the same with a drawn sign,

@@ -4,7 +4,7 @@
     plant = Plant(spec, fixed=load_effects("effects.yaml"))
 
 The file is a list of entries with the keys below. Values are in the effect's first way (see
-`docs/effects.md`):
+`docs/reference/effects/index.md`):
 
     - effect: backlash
       where: elbow          # null: the whole robot, or every place that can have it
@@ -51,7 +51,7 @@ def load_effects(path: str | os.PathLike[str]) -> list[tuple[Effect, Values]]:
 
     Raises:
         EffectError: a file that is missing or no such list; an unknown key, effect, side or extra
-            (with the nearest); a value that is no finite number, or in another unit. Each names
+            (with the nearest); a value that is not a finite number, or in another unit. Each names
             file and entry.
     """
     path = Path(path, FILE) if Path(path).is_dir() else path
@@ -146,7 +146,7 @@ def write_effects(
         intervals: the intervals of each effect's first value.
 
     Raises:
-        EffectError: a value that is no finite number.
+        EffectError: a value that is not a finite number.
         OSError: the file cannot be written; a former one is then untouched.
     """
     intervals = intervals or [None] * len(effects)
@@ -164,7 +164,7 @@ def write_effects(
 
 
 def entry_of(effect: Effect, values: Sequence[float], ci: Sequence[float] | None) -> dict[str, Any]:
-    """Return one entry of the file; raises EffectError for a value that is no finite number."""
+    """Return one entry of the file; raises EffectError for a value that is not a finite number."""
     numbers = [_number(float(value), effect.label()) for value in values]
     own = numbers[: len(numbers) - len(effect.free)]
     free = dict(

@@ -29,7 +29,7 @@ TAKEN_AWAY = 0.9  # of the model's own friction that a probe takes away
 
 
 def with_less(sizes: np.ndarray, own: float) -> np.ndarray:
-    """Return what may be added to a joint's own friction, and most of that taken away."""
+    """Append to `sizes` the removal of most of the model's own friction, if it has any."""
     return np.append(sizes, -TAKEN_AWAY * own) if own > 0 else sizes
 
 
@@ -141,7 +141,7 @@ class ViscousFriction(FieldEffect):
     experiment = "a swing with the motor switched off, which has no back-EMF"
 
     def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return what takes parts of the motor's torque at speed, and less of the model's own."""
+        """Return sizes that cost fractions of the torque at speed, and less than the model has."""
         sizes = np.array([0.02, 0.1, 0.4, 1.2]) * scale.torque_at(self.where) / FASTEST
         return with_less(sizes, scale.own("dof_damping", self.where))
 

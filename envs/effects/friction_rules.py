@@ -10,13 +10,14 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from envs.effects.base import RULES, Effect, Extra, Sizes
+from envs.effects.base import BOTH, RULES, Effect, Extra, Sizes
 from envs.effects.bound import SubstepRule
 from envs.effects.bristles import Bristles
 from envs.effects.friction import PARTS, NoCreepFriction, stiffen
 from envs.effects.places import block, joint_driven, joints
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
+from envs.physics.arrays import Array
 
 BENT = np.array([0.012, 0.02, 0.034, 0.058, 0.1, 0.17])  # of a motor's torque: steep friction
 
@@ -27,10 +28,10 @@ class _FrictionRule(SubstepRule):
     order = 50
 
     def __init__(self, plant: PlantView, where: str | None, effect: Effect) -> None:
-        self.effect = effect
+        self.plant, self.effect, self.arrays, self.xp = plant, effect, plant.arrays, plant.arrays.xp
         self.joints = joints(plant.model, where)
         self.dofs = plant.model.jnt_dofadr[self.joints]  # (k,)
-        self.loss = plant.live("dof_frictionloss")  # (N, nv)
+        plant.live("dof_frictionloss")
         self.value = np.zeros((plant.num_rows, 1))
         self.qvel = plant.layout.raw_qvel
         self.grip = NoCreepFriction(plant, where)
@@ -42,10 +43,11 @@ class _FrictionRule(SubstepRule):
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         """Keep where the joints are in the rows ids of a field, and the rows' coefficients."""
-        self.at = block(ids, self.dofs)
-        self.own = self.value[ids]
+        self.loss = self.plant.now("dof_frictionloss")  # (N, nv)
+        self.at = self.arrays.index(block(ids, self.dofs))
+        self.own = self.arrays.own(self.value[ids])
 
-    def add(self, torque: np.ndarray) -> None:
+    def add(self, torque: Array) -> None:
         """Add friction torques (n, k) [N·m] for the coming substep."""
         self.loss[self.at] += torque
 
@@ -54,6 +56,7 @@ class _RuledFriction(Effect):
     """Friction of a joint by a rule."""
 
     place = "joint"
+    engines = BOTH
     group = RULES
 
     def edit(self, spec: mujoco.MjSpec) -> None:
@@ -80,12 +83,12 @@ class _Stribeck(_FrictionRule):
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         super().prepare(ids)
-        self.fall, self.power = self.speed[ids], self.shape[ids]
+        self.fall, self.power = (self.arrays.own(x[ids]) for x in (self.speed, self.shape))
         self.bends = bool((self.bristles.bend[ids] > 0).any())
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
-        slowness = np.abs(self.qvel[self.at]) / self.fall
-        excess = self.own * np.exp(-(slowness**self.power))
+        slowness = self.xp.abs(self.qvel[self.at]) / self.fall
+        excess = self.own * self.xp.exp(-(slowness**self.power))
         self.add(excess)
         if self.bends:
             self.bristles.faded[ids] = self.own - excess
@@ -166,36 +169,37 @@ class _LoadDependent(_FrictionRule):
 
     def __init__(self, plant: PlantView, effect: Effect) -> None:
         super().__init__(plant, effect.where, effect)
-        self.motor, self.bias = plant.batch.bind("qfrc_actuator"), plant.batch.bind("qfrc_bias")
+        self.motor, self.bias = plant.physics.bind("qfrc_actuator"), plant.physics.bind("qfrc_bias")
         self.external = np.ones((plant.num_rows, 1))
         model = plant.model
         self.driven = np.array([i for i in range(model.nactuator) if joint_driven(model, i)], int)
         dofs = model.jnt_dofadr[model.actuator_trnid[self.driven, 0]]
         turns = model.actuator_gear[self.driven, :1] ** 2
-        self.turns = (dofs[:, None] == self.dofs) * turns  # (actuators, k)
-        self.damping = plant.field("actuator_damping")
-        self.running = np.zeros(
-            (plant.num_rows, 1), dtype=bool
-        )  # whether a substep has computed the motor's torque
+        self.turns = self.arrays.own((dofs[:, None] == self.dofs) * turns)  # (actuators, k)
+        plant.live("actuator_damping")
+        # whether a substep has computed the motor's torque
+        self.running = self.arrays.zeros((plant.num_rows, 1), bool)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         super().write(ids, values)
         self.external[ids, 0] = self.effect.scalar("external", values)
 
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
-        self.running[ids] = False
+        self.running[self.arrays.rows(ids)] = False
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         super().prepare(ids)
-        self.motors, self.part = block(ids, self.driven), self.external[ids]
+        self.damping = self.plant.now("actuator_damping")
+        self.motors = self.arrays.index(block(ids, self.driven))
+        self.part = self.arrays.own(self.external[ids])
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         bias, running = self.bias[self.at], self.running[ids]  # (n, k), (n, 1)
         motor = self.motor[self.at] - self.damping[self.motors] @ self.turns * self.qvel[self.at]
         if not running.all():
-            motor = np.where(running, motor, bias)
+            motor = self.xp.where(running, motor, bias)
             self.running[ids] = True
-        self.add(self.own * np.abs(motor + self.part * bias))
+        self.add(self.own * self.xp.abs(motor + self.part * bias))
 
 
 class LoadDependentFriction(_RuledFriction):
@@ -253,8 +257,12 @@ class _OneWay(_FrictionRule):
         super().write(ids, values)
         self.rise[ids, 0] = self.effect.scalar("rise", values)
 
+    def prepare(self, ids: np.ndarray | slice) -> None:
+        super().prepare(ids)
+        self.more = self.xp.abs(self.own) * self.arrays.own(self.rise[ids])
+
     def before_substep(self, ids: np.ndarray | slice) -> None:
-        self.add(np.abs(self.own) * self.rise[ids])
+        self.add(self.more)
         self.applied[self.at] -= self.own / 2
 
 

@@ -1,4 +1,4 @@
-"""What a task asks for in an episode: a parameter like any other, and no property of a robot.
+"""The goal of a task in an episode: a parameter like any other, but not a property of a robot.
 
 draws = [Draw(Goal(), distribution="ends", low=-1.0, high=1.0)]     # run backward or forward
 draws = [Draw(Goal(axes=2), low=-3.0, high=3.0)]    # goal.x and goal.y, each by itself
@@ -18,7 +18,7 @@ from envs.physics.arrays import Arrays
 
 
 class Goal(Effect):
-    """What a task with a goal asks for, in the task's own unit; the policy does not see it.
+    """The goal of a task, in the task's own unit; the policy does not see it.
 
     Args:
         where: must be left out, as for every effect on the whole robot.

@@ -45,9 +45,9 @@ class CommandHistory(BoundEffect):
 
 
 class DelayedCommands(SubstepRule):
-    """What reaches the actuators in the coming substep; read once for all who ask.
+    """The commands that reach the actuators in the coming substep, computed once per substep.
 
-    Between two substeps nothing but a goal profile (order 10) changes it, and nobody asks before
+    Between two substeps nothing but a goal profile (order 10) changes it, and it is not read before
     that has acted.
     """
 

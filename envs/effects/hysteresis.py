@@ -25,7 +25,7 @@ class _Hysteresis(Spring):
 
 
 class HystereticCompliance(SeriesEffect):
-    """A spring between motor and link with dry friction beside it.
+    """A spring between motor and link with dry friction parallel to it.
 
     The deflection follows the load by `value` only beyond the friction, and comes back later than
     it went: a loop that costs 4 `friction` times its amplitude, however slowly it is run through.
@@ -52,7 +52,7 @@ class HystereticCompliance(SeriesEffect):
             0.0,
             0.0,
             1e3,
-            "the spring's damping, beside its friction",
+            "the spring's damping, in addition to its friction",
             fit=(0.0, 1e3),
             typical=(0.0, 0.2),
         ),

@@ -178,7 +178,7 @@ class ImuMounting(_ImuEffect):
 
 
 class ImuDelay(_ImuEffect):
-    """How old orientation and angular velocity of the base are, beside what the encoders say.
+    """The age of the base's orientation and angular velocity, compared with the encoders.
 
     `longest` sizes the memory.
     """
@@ -203,7 +203,7 @@ class ImuDelay(_ImuEffect):
 
 
 class GyroBias(_ImuEffect):
-    """What a gyro says at rest, about the base's axes: measured = true + value."""
+    """A gyro's bias about the base's axes: measured = true + value."""
 
     name = "gyro_bias"
     unit = "rad/s"

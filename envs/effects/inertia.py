@@ -68,7 +68,7 @@ class LinkMass(FieldEffect):
         self.inertia: Inertia = inertia
 
     def options(self) -> dict[str, Any]:
-        """Return what becomes of the inertia, where it is not kept."""
+        """Return how the inertia follows the mass, unless it is kept."""
         return {} if self.inertia == "kept" else {"inertia": self.inertia}
 
     def bind(self, plant: PlantView) -> BoundEffect:
@@ -168,7 +168,7 @@ class _Shift(BoundEffect):
 
 
 class CenterOfMass(Effect):
-    """How far a body's centre of mass is moved from the body's origin towards its child joint.
+    """A shift of a body's centre of mass from the body's origin towards its child joint.
 
     A leaf: towards its farthest geom or site. The inertia about the centre of mass stays.
     """

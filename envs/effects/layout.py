@@ -21,7 +21,7 @@ SERIES = "/series/"  # in the name of a joint that an effect added
 
 
 class SeriesJoint(Protocol):
-    """What the layout needs to know of a joint that an effect added."""
+    """A joint that an effect added, as the layout needs it."""
 
     motor: int  # id of the joint before it, in the simulated model
     joint: int  # its own id there
@@ -35,7 +35,7 @@ class SeriesJoint(Protocol):
 
 
 class Editing(Protocol):
-    """What an effect does to a spec."""
+    """The changes that an effect makes to a spec."""
 
     moves_mass: ClassVar[
         bool
@@ -179,7 +179,7 @@ class Layout:
         self._start_qpos[ids] = raw_qpos
 
     def encoder_positions(self, raw: np.ndarray) -> np.ndarray:
-        """Return what encoders see of positions of the simulated model: (..., nq) of the nominal.
+        """Map positions of the simulated model to the encoders' readings, (..., nq) of the nominal.
 
         A joint on whose motor's side the encoder sits is left out.
         """

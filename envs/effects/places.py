@@ -1,4 +1,4 @@
-"""Where effects act: objects by name, or by a pattern such as `hip_*`, and blocks of fields."""
+"""Places of effects: objects by name, or by a pattern such as `hip_*`, and blocks of fields."""
 
 from fnmatch import fnmatchcase
 from typing import Literal
@@ -77,6 +77,11 @@ def joint_driven(model: mujoco.MjModel, actuator: int) -> bool:
     """Return whether an actuator acts on a joint."""
     kinds = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
     return int(model.actuator_trntype[actuator]) in [int(k) for k in kinds]
+
+
+def driven_joints(model: mujoco.MjModel) -> set[int]:
+    """Return the joints that actuators act on; others act on tendons, sites and bodies."""
+    return {int(model.actuator_trnid[i, 0]) for i in range(model.nu) if joint_driven(model, i)}
 
 
 def spaced(index: np.ndarray | slice) -> np.ndarray | slice:

@@ -1,4 +1,4 @@
-"""What an effect sees of the plant that it is bound to; `envs.plant.Plant` is one.
+"""The interface of a plant to the effects that are bound to it; `envs.plant.Plant` is one.
 
     class BoundEffect:
         def __init__(self, plant: PlantView) -> None:
@@ -54,6 +54,10 @@ class PlantView(Protocol):
 
     def live(self, name: str) -> np.ndarray:
         """Return the same for a substep rule to change; each substep starts as `write` left it."""
+        ...
+
+    def now(self, name: str) -> Array:
+        """Return a live field in the engine, (N, ...), for rules that are prepared or act."""
         ...
 
     def shared_mechanism(self, name: str, make: Callable[[], T]) -> T:

@@ -15,7 +15,7 @@ E = TypeVar("E", bound=type[Effect])
 def register(effect: E) -> E:
     """Add an effect class under its name, from where every verb knows it; returns the class.
 
-    The same class defined anew, as a notebook's cell does, replaces the former one.
+    The same class defined again, as a notebook's cell does, replaces the former one.
 
     Raises:
         EffectError: a class without a name, or one whose name another class has.
@@ -47,7 +47,7 @@ def named(entry: Mapping[str, Any], place: str, more: tuple[str, ...] = ()) -> E
     Args:
         entry: the effect's standard name, and arguments of its class.
         place: where the mapping is, for messages.
-        more: keys that the mapping may have beside them, for messages.
+        more: further keys that the mapping may have, for messages.
 
     Raises:
         EffectError: no name, or an argument that the effect does not have, with the nearest.
@@ -83,7 +83,7 @@ def _arguments(effect: type[Effect]) -> list[str]:
 def refuse_elsewhere(effects: Iterable[Effect], engine: Engine) -> None:
     """Raise EffectError, with those that work, for an effect that an engine does not have."""
     for effect in effects:
-        if not effect.works_on(engine):
+        if engine not in effect.engines:
             there = sorted(name for name, one in EFFECTS.items() if engine in one.engines)
             variant = f" ({effect.variant})" if effect.variant else ""
             raise EffectError(

@@ -15,7 +15,7 @@ from envs.physics.arrays import Array
 
 
 class SamplingDelay(Measurement):
-    """What `ObservationDelay` binds. Keeps each row's states at its last K control steps."""
+    """The bound form of `ObservationDelay`: keeps each row's states at its last K control steps."""
 
     order = 20
     needs_speed = True
@@ -113,7 +113,7 @@ class SamplingDelay(Measurement):
 
 
 class ObservationDelay(Effect):
-    """How old the measured positions and speeds are.
+    """The age of the measured positions and speeds.
 
     Between control steps the positions are interpolated by cubics that fit the speeds too.
     `longest` sizes the memory.

@@ -4,7 +4,7 @@
     make("coulomb_friction", where="elbow").probes(scale)      # N·m, from the elbow's own torque
 
 What a model says is here; what only recordings say (how fast it was driven, how warm it got) is
-handed in by whoever has them.
+passed in by the caller.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,10 +14,10 @@ import mujoco
 import numpy as np
 
 FASTEST = 8.0  # rad/s: of a servo whose commands are not known
-VOLTS = 12.0  # V: of a supply that nobody says
+VOLTS = 12.0  # V: of an unknown supply
 REACHED = 0.5  # rad of error at which a servo without a limit is taken to give its largest torque
 SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-LEAST = 1e-3  # N·m: an actuator that moves nothing that weighs, without a size of its own
+LEAST = 1e-3  # N·m: an actuator that moves nothing that weighs, without a known size
 
 
 def same_speed(actuator: str) -> tuple[float, float]:
@@ -31,7 +31,7 @@ def no_command(actuator: str) -> float:
 
 
 def no_heat(actuator: str) -> float:
-    """Return what an unknown motion heats a motor by [N²·m²·s]."""
+    """Return a motor's heating by an unknown motion [N²·m²·s]."""
     return 0.0
 
 
@@ -41,7 +41,7 @@ def any_speed(joint: str) -> float:
 
 
 class RobotScale:
-    """How large things are on one robot.
+    """Typical magnitudes of one robot.
 
     Args:
         model: the robot.

@@ -58,29 +58,32 @@ class _Offset(_JointSensor, CommandRule):
         servos = [
             i for i in servos if effect.extra["servo"] and model.actuator_trnid[i, 0] in found
         ]
-        self.columns = model.actuator_ctrladr[servos]
-        self.gear = model.actuator_gear[servos, 0]
+        self.columns, self.gear = model.actuator_ctrladr[servos], model.actuator_gear[servos, 0]
+        self.sent = self.arrays.own(self.columns), self.arrays.own(self.gear)
+        self.own = np.zeros((plant.num_rows, 1))  # the value, on the host
         self.range = plant.field("actuator_ctrlrange") if servos else None  # (N, nu, 2)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         super().write(ids, values)
+        self.own[ids] = values[:, :1]
         if self.range is not None:
             self.range[ids[:, None], self.columns] -= (values[:, :1] * self.gear)[..., None]
 
     def on_episode_start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
-        self.command(ids, ctrl)
+        ctrl[:, self.columns] -= self.own[ids] * self.gear
 
-    def command(self, ids: np.ndarray | slice, ctrl: np.ndarray) -> None:
-        ctrl[:, self.columns] -= self.value[ids] * self.gear
+    def command(self, ids: Any, ctrl: Array) -> None:
+        columns, gear = self.sent
+        ctrl[:, columns] -= self.value[ids] * gear
 
-    def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
+    def measure(self, ids: Any, qpos: Array, qvel: Array) -> None:
         qpos[:, self.q] += self.value[ids]
 
     def measure_path(self, dt: float, qpos: np.ndarray, qvel: np.ndarray) -> None:
         qpos[:, :, self.q] += self.value[:, None]
 
     def unmeasure(self, ids: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
-        qpos[:, self.q] -= self.value[ids]
+        qpos[:, self.arrays.host(self.q)] -= self.own[ids]
 
 
 class EncoderOffset(_SensorEffect):
@@ -92,6 +95,7 @@ class EncoderOffset(_SensorEffect):
     """
 
     name = "encoder_offset"
+    engines = BOTH
     unit = "rad"
     extras = (
         Extra(

@@ -91,7 +91,7 @@ class MotorStrength(ActuatorEffect):
         self.braking: Braking = braking
 
     def options(self) -> dict[str, Any]:
-        """Return what becomes of the back-EMF, where it is not scaled."""
+        """Return what happens to the back-EMF, unless it is scaled."""
         return {} if self.braking == "scaled" else {"braking": self.braking}
 
     @property

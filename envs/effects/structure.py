@@ -1,4 +1,4 @@
-"""Effects that need a joint of their own between motor and link: play and elasticity.
+"""Effects that need an additional joint between motor and link: play and elasticity.
 
 The motor's joint keeps its name, actuator, friction and armature; a second joint about the same
 axis follows it. Where encoders sit is two choices, since a robot may have two: `side` is where the
@@ -8,9 +8,11 @@ servo's own sits, `encoder` where the log's does (left out: the same one):
 * `link`: the sum. Such a servo closes its loop over the play: the law's bias is shifted by it
   before each substep.
 
-Neutral rows of a plant with such a joint hold it still with an inertia of 1e9 kg·m²: they agree
-with a plant without it to about 1e-7 rad in a second, not to the last bit. A motor without inertia
-of its own gets the least with which the loop is stable at the model's time step.
+In neutral rows of a plant with such a joint it has no axis: nothing moves it, it moves nothing, and
+they agree with a plant without it but for the order of additions. (A large inertia would hold it as
+well, but MuJoCo's solver stops by a tolerance relative to the trace of the inertia matrix, and with
+1e9 kg·m² in it, before contacts have converged.) A motor without inertia of its own gets the least
+with which the loop is stable at the model's time step.
 """
 
 from __future__ import annotations
@@ -32,7 +34,6 @@ from envs.effects.servo import is_joint_servo
 from envs.errors import EffectError, did_you_mean, refuse_unknown
 from envs.params import How, Side
 
-FROZEN = 1e9  # kg·m²: a joint that does not move
 BETWEEN = 0.05  # of the link's inertia: what lies between a spring and a play at one joint
 STIFF_LIMIT = (0.99, 0.999, 1e-4, 0.5, 2.0)  # solimp of the play's ends
 STABLE = 0.25  # largest (dt w)² of a spring that the explicit integration carries well
@@ -54,17 +55,19 @@ class Series(BoundEffect):
         self.q, self.v = int(model.jnt_qposadr[self.joint]), int(model.jnt_dofadr[self.joint])
         self.motor_side = effect.encoder == "motor"
         self.rotor = int(model.jnt_dofadr[motor])
-        self.armature, self.value = plant.field("dof_armature"), np.zeros(plant.num_rows)
+        self.armature, self.axis = plant.field("dof_armature"), plant.field("jnt_axis")
+        self.value = np.zeros(plant.num_rows)
         self.least = least_rotor(plant, motor)
         others = [part for part in plant.layout.joints if part.motor == motor]
         self.between = BETWEEN * link_inertia(model, motor) if others else 0.0
         plant.layout.joints.append(self)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
-        """Free the joint where the value is not 0, and give it its size."""
+        """Give the joint its size, and no axis where the value is 0."""
         self.value[ids] = values[:, 0]
         loose, rotor = values[:, 0] > 0, self.armature[ids, self.rotor]
-        self.armature[ids, self.v] = np.where(loose, self.between, FROZEN)
+        self.axis[ids[~loose], self.joint] = 0.0
+        self.armature[ids, self.v] = np.where(loose, self.between, self.least)
         self.armature[ids, self.rotor] = np.where(loose, np.maximum(rotor, self.least), rotor)
 
     def settle(self, ids: np.ndarray, load: np.ndarray) -> np.ndarray:
@@ -97,10 +100,14 @@ class LinkSide(SubstepRule):
 
     def __init__(self, series: Series, servos: list[int]) -> None:
         self._series, self._servos = series, servos
-        self._bias = series.plant.live("actuator_biasprm")
-        self._gear = series.plant.model.actuator_gear[:, 0]
+        series.plant.live("actuator_biasprm")
+        self._gear = [float(gear) for gear in series.plant.model.actuator_gear[:, 0]]
 
-    def before_substep(self, ids: np.ndarray | slice) -> None:
+    def prepare(self, ids: np.ndarray | slice) -> None:
+        """Find the laws in the engine."""
+        self._bias = self._series.plant.now("actuator_biasprm")
+
+    def before_substep(self, ids: Any) -> None:
         """Shift the laws by where the joint is now."""
         layout = self._series.plant.layout
         p, speed = layout.raw_qpos[ids, self._series.q], layout.raw_qvel[ids, self._series.v]
@@ -133,7 +140,7 @@ class SeriesEffect(Effect):
         self.encoder = encoder or self.side
 
     def options(self) -> dict[str, Any]:
-        """Return where the log's encoder sits, if not beside the servo's."""
+        """Return where the log's encoder sits, if not on the servo's side."""
         return {} if self.encoder == self.side else {"encoder": self.encoder}
 
     @property
@@ -179,7 +186,8 @@ class SeriesEffect(Effect):
             name=self.joint_name(motor.name), type=motor.type, axis=motor.axis, pos=motor.pos
         )
         added.damping, added.stiffness, added.frictionloss = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], 0.0
-        added.armature, added.ref, added.springref, added.margin = FROZEN, 0.0, 0.0, 0.0
+        added.armature = 1.0  # until a value is written: compiling needs one
+        added.ref, added.springref, added.margin = 0.0, 0.0, 0.0
         added.limited = mujoco.mjtLimited.mjLIMITED_FALSE
         added.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
         self.shape(added, spec.option.timestep)
@@ -208,7 +216,7 @@ class SeriesEffect(Effect):
         return SeriesGroup(parts)
 
     def batch(self) -> str:
-        """Return a group of its own: no other effect has its joint."""
+        """Return a separate group: no other effect has its joint."""
         return f"{self.label()} {self.variant}"
 
     def mjcf_limitation(self) -> str | None:

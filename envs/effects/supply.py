@@ -23,6 +23,7 @@ from envs.effects.servo import ActuatorEffect, is_linear, is_servo
 from envs.effects.strength import LawScale
 from envs.errors import EffectError, refuse_unknown
 from envs.params import How, Parameter
+from envs.physics.arrays import Array
 
 Drive = Literal["voltage", "current"]
 
@@ -105,29 +106,34 @@ class _Weakening(SubstepRule):
     def __init__(self, plant: PlantView, index: np.ndarray) -> None:
         model = plant.model
         self.plant, self.index = plant, index
-        self.gain, self.bias = plant.live("actuator_gainprm"), plant.live("actuator_biasprm")
-        self.limit = plant.live("actuator_forcerange")
-        self.force = plant.batch.bind("actuator_force")  # (N, actuators), of the substep before
-        self.gear = model.actuator_gear[index, 0]
+        for name in ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange"):
+            plant.live(name)
+        self.arrays, self.xp = plant.arrays, plant.arrays.xp
+        self.force = plant.physics.bind("actuator_force")  # (N, actuators), of the substep before
+        gear = model.actuator_gear[index, 0]
         on_joint = [joint_driven(model, int(i)) for i in index]
         dofs = model.jnt_dofadr[np.where(on_joint, model.actuator_trnid[index, 0], 0)]
-        self.dofs, self.turns = dofs, np.where(on_joint, self.gear**2, 0.0)
-        self.damping, self.qvel = plant.field("actuator_damping"), plant.layout.raw_qvel
+        self.dofs, self.turns = dofs, self.arrays.own(np.where(on_joint, gear**2, 0.0))
+        self.gear, self.qvel = self.arrays.own(gear), plant.layout.raw_qvel
+        plant.live("actuator_damping")
         self.value = np.zeros((plant.num_rows, 1))
-        self.running = np.zeros((plant.num_rows, 1), dtype=bool)
+        self.running = self.arrays.zeros((plant.num_rows, 1), bool)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         self.value[ids] = values[:, :1]
 
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
-        self.running[ids] = False
+        self.running[self.arrays.rows(ids)] = False
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         """Keep where the actuators and their joints are in the rows ids of fields."""
-        self.at, self.driven = block(ids, self.index), block(ids, self.dofs)
-        self.own = self.value[ids]
+        index, now = self.arrays.index, self.plant.now
+        self.gain, self.bias = now("actuator_gainprm"), now("actuator_biasprm")
+        self.limit, self.damping = now("actuator_forcerange"), now("actuator_damping")
+        self.at, self.driven = index(block(ids, self.index)), index(block(ids, self.dofs))
+        self.own = self.arrays.own(self.value[ids])
 
-    def torque(self, ids: np.ndarray | slice, spared: np.ndarray | float = 0.0) -> np.ndarray:
+    def torque(self, ids: Any, spared: Array | float = 0.0) -> Array:
         """Return the motors' torques at the joints, (n, k) [N·m]; 0 before the first substep.
 
         The force of the substep before, less the actuator's own damping, the back-EMF: current goes
@@ -136,11 +142,11 @@ class _Weakening(SubstepRule):
         drag = self.damping[self.at] * self.turns * self.qvel[self.driven] * (1.0 - spared)
         torque, running = self.force[self.at] * self.gear - drag, self.running[ids]
         if not running.all():
-            torque = np.where(running, torque, 0.0)
+            torque = self.xp.where(running, torque, 0.0)
             self.running[ids] = True
         return torque
 
-    def weaken(self, factor: np.ndarray) -> None:
+    def weaken(self, factor: Array) -> None:
         """Scale by factors (n, k)."""
         self.gain[(*self.at, 0)] *= factor
         self.bias[(*self.at, slice(3))] *= factor[..., None]
@@ -157,8 +163,8 @@ class _Sag(_Weakening):
         self.scale = 1.0 / (voltage * torque_constant)
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
-        load = np.abs(self.torque(ids)).sum(1, keepdims=True)  # (n, 1) [N·m]
-        self.weaken(np.maximum(1.0 - self.own * self.scale * load, 0.0))
+        load = self.xp.abs(self.torque(ids)).sum(1)[:, None]  # (n, 1) [N·m]
+        self.weaken(self.xp.maximum(1.0 - self.own * self.scale * load, 0.0))
 
 
 class SupplySag(Effect):
@@ -168,6 +174,7 @@ class SupplySag(Effect):
     """
 
     name = "supply_sag"
+    engines = BOTH
     place = "robot"
     unit = "V/A"
     extras = (
@@ -216,9 +223,8 @@ class _Derating(_Weakening):
     def __init__(self, plant: PlantView, effect: ActuatorEffect) -> None:
         index = effect.actuators(plant.model)
         super().__init__(plant, index)
-        self.damping = plant.live("actuator_damping")
         self.effect, self.dt = effect, plant.model.opt.timestep
-        self.heat = np.zeros((plant.num_rows, len(index)))  # N²·m²·s
+        self.heat = self.arrays.zeros((plant.num_rows, len(index)))  # N²·m²·s
         self.decay, self.braking = np.zeros((plant.num_rows, 1)), np.zeros((plant.num_rows, 1))
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
@@ -228,25 +234,25 @@ class _Derating(_Weakening):
 
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
         super().reset(ids, seeds)
-        self.heat[ids] = 0.0
+        self.heat[self.arrays.rows(ids)] = 0.0
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         super().prepare(ids)
-        self.kept, self.spared = np.exp(-self.decay[ids] * self.dt), self.braking[ids]
-        self.spares = bool(self.spared.any())
+        self.kept = self.arrays.own(np.exp(-self.decay[ids] * self.dt))
+        self.spared, self.spares = self.arrays.own(self.braking[ids]), self.braking[ids].any()
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
-        heat = self.heat[ids]
-        brakes = self._braking(np.maximum(1.0 - self.own * heat, 0.0))
+        heat, xp = self.heat[ids], self.xp
+        brakes = self._braking(xp.maximum(1.0 - self.own * heat, 0.0))
         self.damping[self.at] *= brakes  # the back-EMF as it was in the substep before
         heat = heat * self.kept + self.torque(ids, self.spared) ** 2 * self.dt
         self.heat[ids] = heat
-        weaker = np.maximum(1.0 - self.own * heat, 0.0)
+        weaker = xp.maximum(1.0 - self.own * heat, 0.0)
         self.weaken(weaker)
-        self.damping[self.at] *= self._braking(weaker) / np.maximum(brakes, 1e-9)
+        self.damping[self.at] *= self._braking(weaker) / xp.maximum(brakes, 1e-9)
 
-    def _braking(self, factor: np.ndarray) -> np.ndarray:
-        """Return what is left of the back-EMF where that much is left of the torque, (n, k)."""
+    def _braking(self, factor: Array) -> Array:
+        """Return the back-EMF's remaining fraction, given that of the torque, (n, k)."""
         return factor + (1.0 - factor) * self.spared if self.spares else factor
 
 
@@ -254,12 +260,12 @@ class ThermalDerating(ActuatorEffect):
     """A motor that weakens as it heats, by a factor 1 - value E on all its torque.
 
     Law, limit and back-EMF alike, since all go through the winding whose resistance rises. Where a
-    loop sets the current and the firmware takes it away, the damping is no part of it: it brakes as
-    before and makes no heat (`braking` 1).
-    dE/dt = torque² - decay E, with E = 0 at a reset.
+    loop sets the current and the firmware takes it away, the damping is not part of it: it brakes
+    as before and makes no heat (`braking` 1). dE/dt = torque² - decay E, with E = 0 at a reset.
     """
 
     name = "thermal_derating"
+    engines = BOTH
     unit = "1/(N²·m²·s)"
     extras = (
         Extra("decay", "1/s", 0.0, 0.0, 1e3, "the rate at which it cools", typical=(0.0, 0.05)),
@@ -269,7 +275,8 @@ class ThermalDerating(ActuatorEffect):
             0.0,
             0.0,
             1.0,
-            "the part of the actuator's damping that is no current: heat leaves it as it is",
+            "the part of the actuator's damping that is not due to current: heat does not change "
+            "it",
             fit=(0.0, 1.0),
         ),
     )

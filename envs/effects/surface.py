@@ -18,7 +18,7 @@ from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.params import How, Parameter
 
-LEAST = 0.01  # a bounce of less is not told from none
+LEAST = 0.01  # a smaller bounce is indistinguishable from none
 HIGHEST = 10.0  # damping ratio of the table: restitution below LEAST
 STEPS = 4001  # of the table
 
@@ -114,7 +114,7 @@ class Restitution(_SurfaceEffect):
     """The speed after over that before a bounce on a geom; its contacts' stiffness stays.
 
     The engine has no such coefficient: the contact's damping is set to what makes it, which is true
-    where the timestep resolves the contact, and gravity is small beside its forces.
+    where the timestep resolves the contact, and gravity is small compared with its forces.
 
     Args:
         where: the geom; None for all whose priority is above 0, with one value.

@@ -16,7 +16,7 @@ Array = Any  # np.ndarray or torch.Tensor
 
 @dataclass(frozen=True)
 class Arrays:
-    """Where arrays are and what they are made of."""
+    """The array library and the device of arrays."""
 
     xp: Any = np  # the namespace: `numpy`, or `array_api_compat.torch`
     dtype: Any = np.float64  # of real numbers
@@ -44,6 +44,12 @@ class Arrays:
     def rows(self, ids: np.ndarray | None) -> Any:
         """Return the index of the rows ids (n,) of the host; None: all."""
         return slice(None) if ids is None else self.own(ids)
+
+    def index(self, index: Any) -> Any:
+        """Return an index of the host, or a tuple of parts of one, as these arrays take it."""
+        if self.on_host or not isinstance(index, tuple):
+            return self.own(index)
+        return tuple(self.own(part) for part in index)
 
     def zeros(self, shape: Any, dtype: Any = None) -> Array:
         """Return zeros; reals unless `dtype` is of a NumPy kind such as bool or np.int64."""

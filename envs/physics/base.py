@@ -1,10 +1,10 @@
-"""What a plant asks of an engine that steps its simulations.
+"""The interface of an engine that steps a plant's simulations.
 
 A `mujoco.batch.Batch` of the same rows always holds the parameters and starts the episodes, in
 float64: effects write its expanded fields, `set_const` follows, and a reset computes the state from
-which the row goes on. An engine that steps elsewhere is told which rows were written or started,
-and takes them over. So effects that write fields, structural ones included, and the randomness of
-starts are the same on every engine, to its precision.
+which the row goes on. An engine that steps elsewhere is notified which rows were written or
+started, and takes them over. So effects that write fields, structural ones included, and the
+randomness of starts are the same on every engine, to its precision.
 
     physics.written(ids)            # parameters of the rows ids changed in the batch
     physics.started(ids)            # and their states
@@ -37,6 +37,17 @@ class Physics(Protocol):
         """Return a live array (N, ...) over a field of MjData.
 
         State fields may be written; the others are one substep behind the state after a step.
+        """
+        ...
+
+    def field(self, name: str, own: np.ndarray) -> Array:
+        """Return a live array (N, ...) over a field of the model that has a value per row.
+
+        Known once parameters were written.
+
+        Args:
+            name: of the field.
+            own: the batch's values, (N, ...).
         """
         ...
 

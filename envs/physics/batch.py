@@ -30,6 +30,10 @@ class BatchPhysics:
         """Return the batch's own array (N, ...) of a field of MjData."""
         return self._batch.bind(name)
 
+    def field(self, name: str, own: np.ndarray) -> np.ndarray:
+        """Return the batch's own array (N, ...)."""
+        return own
+
     def written(self, ids: np.ndarray) -> None:
         """Do nothing: the batch's fields are what it steps with."""
 
@@ -53,7 +57,7 @@ class BatchPhysics:
         self._raised.clear()
         if self._warnings.any():
             warned = self._warnings[rows].any(axis=1)  # (n,)
-            # the engine's own reset clears counts: only what rose from 0 can be told
+            # the engine's own reset clears counts: only a rise from 0 is visible
             self._warnings[rows] = 0
             return broken[rows] | warned
         return broken[rows]

@@ -101,6 +101,10 @@ class WarpPhysics:
             self._bound[name] = self._flat(own), self._batch.bind(name)
         return self._wp.to_torch(own)
 
+    def field(self, name: str, own: np.ndarray) -> Any:
+        """Return a live tensor (N, ...) over a field of the device's model."""
+        return self._wp.to_torch(getattr(self._model, name)).view(own.shape)
+
     def _build(self) -> None:
         """Make the model and compile its kernels."""
         wp, mjw = self._wp, self._mjw

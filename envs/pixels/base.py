@@ -51,7 +51,7 @@ class Renderer(ABC):
         """Return live arrays of derived quantities, (N, ...) each, up to date from now on.
 
         The engine fills them in at its next call; one is made here that leaves the rows as they
-        are, so that episodes go on as if nobody had looked.
+        are, so that rendering does not change the episodes.
         """
         batch = self.plant.batch
         watched = [batch.bind(name) for name in names]

@@ -1,4 +1,4 @@
-"""Where a camera's pixels look, and where things appear in its image."""
+"""A camera's rays, and the projection of points into its image."""
 
 import mujoco
 import numpy as np

@@ -5,7 +5,7 @@
     env.rollout(10)["pixels"].shape                     # (16, 10, 4, 84, 84)
 
 Images are under "pixels", (N, size, size, 3) uint8, drawn at that size. The task's own observation
-stays beside them, for a critic or a measure that may know the state.
+is kept, for a critic or a measure that may know the state.
 """
 
 from typing import Any

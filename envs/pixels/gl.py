@@ -1,6 +1,6 @@
 """Images by OpenGL, off screen, on every core.
 
-A software renderer draws on one core, so each core gets a process of its own with a share of the
+A software renderer draws on one core, so each core gets a process with a share of the
 rows. Positions and what effects change of the model's looks go to them, and images come back,
 through files in memory. What costs most where the CPU draws is left out: shadows, reflections,
 smoothing, fine meshes (25 times the speed of the default settings).
@@ -115,7 +115,7 @@ class GLRenderer(Renderer):
             pipe.write(np.array([len(rows), *rows], np.int64).tobytes())
             pipe.flush()
         except BrokenPipeError:
-            pass  # that it is gone is told where its answer is read
+            pass  # reading its answer reports that it is gone
 
     def close(self) -> None:
         """End the drawing processes and free the memory."""

@@ -1,6 +1,6 @@
-"""Which graphics library draws off screen on this machine.
+"""Find the graphics library that draws off screen on this machine.
 
-Each is tried in a process of its own, since a broken one can take its process with it.
+Each is tried in a separate process, since a broken one can take its process with it.
 """
 
 import os

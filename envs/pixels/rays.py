@@ -177,7 +177,7 @@ class _View:
 
 
 class _Light:
-    """What falls on surfaces in n rows.
+    """Light that falls on surfaces in n rows.
 
     Args:
         ambient: (n, 3), from everywhere.

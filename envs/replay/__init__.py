@@ -4,7 +4,7 @@
     paths = replay(plant, recordings)            # (T, nq) each, when positions were read
 
 It is the only replay there is: `run=replay`, every step of a diagnosis, the exam and the plans of
-experiments go through it. Whoever replays recordings again and again does it in parts:
+experiments go through it. To replay recordings many times, do it in parts:
 
     plans = [schedule(recording, dt) for recording in recordings]       # once
     motion = simulate(plant, plans)              # after plant.set_params
@@ -19,8 +19,8 @@ Contracts:
   position was read (`read`); before the start there is nothing to read but the start.
 * An actuator that is switched off exerts nothing and does not brake.
 * A joint under impedance control has the gains of the row in force (`with_impedance`).
-* The same start, commands and effects give the same positions to the bit, in whichever row and
-  beside whichever others. Rows may repeat a recording, to try many parameters on it side by side.
+* The same start, commands and effects give the same positions to the bit, in any row and
+  with any others. Rows may repeat a recording, to try many parameters on it side by side.
 """
 
 from envs.replay.engine import (
@@ -33,7 +33,7 @@ from envs.replay.engine import (
     simulate,
 )
 from envs.replay.impedance import with_impedance, without_impedance
-from envs.replay.recording import Recording, Schedule, schedule, switchable
+from envs.replay.recording import Recording, Schedule, groups, schedule, switchable
 from envs.replay.rollout import rollout
 
 __all__ = [
@@ -42,6 +42,7 @@ __all__ = [
     "Motion",
     "Recording",
     "Schedule",
+    "groups",
     "interpolate",
     "readings",
     "replay",

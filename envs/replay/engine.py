@@ -38,7 +38,7 @@ class InterpolationPoints(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """What N rows did."""
+    """The simulated paths of N rows."""
 
     dt: float  # s between physics steps
     qpos: np.ndarray  # (N, K + 1, nq) what the encoders say; NaN from where a row diverged
@@ -54,7 +54,7 @@ class Motion(NamedTuple):
     def at_rows(
         self, row: int, recording: Recording, columns: Sequence[int] | None = None
     ) -> np.ndarray:
-        """Return what a row's encoders say when a recording's positions were read, (T, M).
+        """Return a row's encoder readings at the times of a recording's positions, (T, M).
 
         Args:
             row: of the plant; it replayed that recording.

@@ -1,4 +1,4 @@
-"""Joints under impedance control: each row of a recording brings the gains of its own law.
+"""Joints under impedance control: each row of a recording has its own gains.
 
     spec = with_impedance(spec, {"knee": (20.0, 0.5)})        # what the replay engine can drive
     recording = recording._replace(law=law)                   # (T, nu, 4)

@@ -45,12 +45,12 @@ class Schedule(NamedTuple):
 
     @property
     def steps(self) -> int:
-        """K: so many physics steps reach one beyond the last row and reading."""
+        """K, the number of physics steps to one step beyond the last row and reading."""
         return len(self.ctrl)
 
 
 def schedule(recording: Recording, dt: float) -> Schedule:
-    """Return what a recording asks for at each physics step of `dt` seconds.
+    """Return a recording's commands at each physics step of `dt` seconds.
 
     Raises:
         TaskError: a recording whose time is so long, for its rows, that no memory would hold it.
@@ -68,25 +68,42 @@ def schedule(recording: Recording, dt: float) -> Schedule:
     latest = np.maximum(np.searchsorted(recording.time, clock, side="right") - 1, 0)
     off = np.zeros(steps, np.int64)
     if recording.powered is not None:
-        bits = np.arange(recording.powered.shape[1])
-        off = (~recording.powered[latest] << bits).sum(axis=1)
+        off = _switches(~recording.powered)[latest]
     held = recording.ctrl[0] if recording.held is None else recording.held
     law = None if recording.law is None else recording.law[latest]
     ctrl = recording.ctrl[latest]
     return Schedule(recording.qpos, recording.qvel, held, ctrl, off, law, recording.act)
 
 
+def groups(actuators: int) -> np.ndarray:
+    """Return the group of each actuator of a `switchable` model, (nu,): bits of `off`.
+
+    Each has one of its own up to the last, which the rest share.
+    """
+    return np.minimum(np.arange(actuators), GROUPS - 1)
+
+
 def switchable(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    """Return a copy of the spec whose actuators can be switched off one by one.
+    """Return a copy of the spec whose actuators can be switched off one by one; see `groups`."""
+    spec = spec.copy()
+    for actuator, group in zip(spec.actuators, groups(len(spec.actuators)), strict=True):
+        actuator.group = int(group)
+    return spec
+
+
+def _switches(off: np.ndarray) -> np.ndarray:
+    """Return which groups are off in each row, (T,) bit masks, from actuators (T, nu) bool.
 
     Raises:
-        TaskError: more than 31 actuators.
+        TaskError: actuators that share a group and are switched at different moments.
     """
-    spec = spec.copy()
-    if len(spec.actuators) > GROUPS:
+    own, shared = off[:, : GROUPS - 1], off[:, GROUPS - 1 :]
+    odd = (shared != shared[:, :1]).any(axis=0)
+    if odd.any():
         raise TaskError(
-            f"{len(spec.actuators)} actuators cannot be switched off one by one; up to {GROUPS} can"
+            f"actuator {GROUPS + int(np.argmax(odd))} of {off.shape[1]} is switched off at other "
+            f"moments than actuator {GROUPS}: those from there on can be switched together only; "
+            "put those that are switched alone first in the model"
         )
-    for group, actuator in enumerate(spec.actuators):
-        actuator.group = group
-    return spec
+    every = np.column_stack([own, shared[:, :1]])
+    return (every.astype(np.int64) << np.arange(every.shape[1])).sum(axis=1)

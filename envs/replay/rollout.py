@@ -16,6 +16,7 @@ from envs.effects.bound import Measurement
 from envs.plant import Plant
 from envs.quiet import quiet_engine
 from envs.replay.impedance import ImpedanceGains
+from envs.replay.recording import groups
 
 
 def rollout(
@@ -72,7 +73,7 @@ class _Power:
             return
         changes = (np.diff(off, axis=1) != 0).any(axis=0)
         self.cuts = np.concatenate([[0], np.flatnonzero(changes) + 1])  # steps where any switches
-        self._bits = 1 << np.arange(plant.model.nu)
+        self._bits = 1 << groups(plant.model.nu)
         self._mask = plant.batch.expand("opt.disableactuator").reshape(plant.num_rows)
         self._full = plant.field("actuator_damping").copy()  # (N, nu)
 
@@ -144,7 +145,7 @@ def _stop(path: np.ndarray) -> int:
 
 
 def _shifted(plant: Plant, ctrl: np.ndarray) -> np.ndarray:
-    """Return what arrives of the commands."""
+    """Return the commands as they arrive."""
     if not plant.command_rules:
         return ctrl
     ctrl = np.array(ctrl)
@@ -156,7 +157,7 @@ def _shifted(plant: Plant, ctrl: np.ndarray) -> np.ndarray:
 
 
 def _measured(plant: Plant, raw: dict[str, np.ndarray]) -> np.ndarray:
-    """Return what encoders say, (N, K + 1, nq), along paths of the simulated model."""
+    """Return the encoders' readings, (N, K + 1, nq), along paths of the simulated model."""
     qpos = plant.layout.encoder_positions(raw["qpos"])
     qvel = (
         plant.layout.encoder_velocities(raw["qvel"])
@@ -208,13 +209,13 @@ def _step(
 
 
 def _live(plant: Plant) -> dict[str, np.ndarray]:
-    """Return the state that readings are told from, as it is at any time, (N, ...) each."""
+    """Return the current state that readings are computed from, (N, ...) each."""
     layout = plant.layout
     needs_speed = any(rule.needs_speed for rule in plant.measurements)
     return {"qpos": layout.raw_qpos, **({"qvel": layout.raw_qvel} if needs_speed else {})}
 
 
 def _has_path(rule: object) -> bool:
-    """Return whether a measurement can be told from a whole path."""
+    """Return whether a measurement can be computed from a whole path."""
     along = type(rule).measure_path if isinstance(rule, Measurement) else Measurement.measure_path
     return along is not Measurement.measure_path

@@ -85,7 +85,7 @@ class BallBalance(Task):
         return ~(state.qpos[:, BALL + 2] >= self.lowest)
 
     def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
-        """Return what a ball pays that is near and slow, (n,)."""
+        """Return the reward for a ball that is near and slow, (n,)."""
         ball, velocity = _ball(after)
         x, y, z = ball.T
         distance = self.xp.sqrt(x**2 + y**2 + 2.0 * (z - self.wanted) ** 2)

@@ -39,7 +39,7 @@ class State(NamedTuple):
 
 
 class CommandState(NamedTuple):
-    """What was asked of n robots last, and when in their episodes they are."""
+    """The last actions of n robots, and the times of their episodes."""
 
     time: Array  # (n,) s from the episode's start
     action: Array  # (n, A) the last one, 0 before the first
@@ -123,7 +123,7 @@ class Task(ABC):
         return np.tile(self.start, (n, 1)) + noise, qvel
 
     def fixed(self) -> Sequence[tuple[Effect, Sequence[float]]]:
-        """Return the effects, with values, that the task's robot has of its own; none by default.
+        """Return the effects, with values, that the task's robot always has; none by default.
 
         One that the user fixes or draws at the same place replaces it.
         """

@@ -22,7 +22,7 @@ NO_LOAD = 1.25  # times that: the largest speed of the drive, 0.6 m/s
 
 
 class CartPole(Task):
-    """Balance a pole on a cart that moves to where it is told.
+    """Balance a pole on a cart with position commands.
 
     Observation (4,): cart position [m] and velocity [m/s], pole angle from upright [rad] and
     velocity [rad/s]. Action (1,): the drive's goal in [-1, 1] times 0.2 m. Reward: 1 - angle² -
@@ -80,7 +80,7 @@ class CartPole(Task):
         return ~((cart <= self.edge) & (pole <= self.lowest))  # a NaN is not kept
 
     def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
-        """Return what an upright, quiet pole pays, or the fall's -2, (n,)."""
+        """Return the reward for an upright, quiet pole, or -2 for a fall, (n,)."""
         cart, pole = self.xp.abs(after.qvel).T
         paid = 1.0 - after.qpos[:, 1] ** 2 - 0.01 * cart - 0.005 * pole
         return self.xp.where(terminated, self.fall, paid)

@@ -71,7 +71,7 @@ class EasiAnt(Task):
         return qpos, qvel
 
     def observe(self, state: State) -> Array:
-        """Return what the class says, (n, 60)."""
+        """Return the observation that the class describes, (n, 60)."""
         assert state.command is not None and state.extra is not None
         xp, axes = self.xp, self._axes(state)  # (n, 3, 3)
         velocity = xp.sum(axes * state.qvel[:, :3, None], axis=1)
@@ -99,7 +99,7 @@ class EasiAnt(Task):
         return ~(state.qpos[:, 2] >= self.lowest)
 
     def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
-        """Return what the class says, (n,)."""
+        """Return the reward that the class describes, (n,)."""
         xp = self.xp
         action = xp.clip(action, -1.0, 1.0)
         ahead = xp.clip(self._ahead(after) / self.ahead_from, None, 1.0)

@@ -1,4 +1,4 @@
-"""Tasks with a hidden goal: robots that are told by their rewards alone what to do.
+"""Tasks with a hidden goal, which only the rewards reveal.
 
     MujocoEnv(task=SwimmerDirection(), effects=[Goal()])       # forward or backward
     MujocoEnv(task=AntPosition(), effects=[Goal(axes=2)])      # to a point of the plane
@@ -19,7 +19,7 @@ from envs.tasks.walker2d import Walker2d
 
 
 class GoalTask(Task):
-    """What tasks with a goal share: the reward asks for it, a bonus is paid while nothing ended.
+    """Base class of tasks with a goal: the reward depends on it, and each step alive pays a bonus.
 
     Attributes:
         effort_cost: taken off for each squared action.
@@ -32,10 +32,10 @@ class GoalTask(Task):
 
     @abstractmethod
     def goal_reward(self, before: State, after: State, goal: Array) -> Array:
-        """Return what the goals (n,) or (n, axes) pay for the motion between two states, (n,)."""
+        """Return the reward, (n,), of goals (n,) or (n, axes) for the motion between two states."""
 
     def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
-        """Return what the goal pays + alive - cost of the effort, (n,)."""
+        """Return the goal's reward + alive - cost of the effort, (n,)."""
         assert after.goal is not None
         paid = self.goal_reward(before, after, after.goal)
         return paid + self.alive * ~terminated - self.effort_cost * self.effort(action)

@@ -1,6 +1,6 @@
 """Small tasks, a few lines of arithmetic each: millions of steps a second.
 
-Each is `Rows` (see `envs.rows`) and has a distribution of tasks beside it.
+Each is `Rows` (see `envs.rows`) and has a distribution of tasks in its module.
 """
 
 from envs.toys.cartpole import AngleBias, BiasedCartPole

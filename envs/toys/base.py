@@ -1,4 +1,4 @@
-"""What the small tasks share: rows with parameter values, step counts and clipped actions."""
+"""Base class of the small tasks: rows with parameter values, step counts and clipped actions."""
 
 from abc import ABC, abstractmethod
 from typing import Literal

@@ -9,7 +9,7 @@ assumption), the next one of a chain after it; each is sampled when its answer s
 are seen later. The adapter hands bytes over at most `latency` after the last of them. A chain of
 answers ends at a servo that is missing. Two servos of one ID answer one after the other.
 
-A robot may have several buses: `run_in_time_order` carries out what each was told in the order of
+A robot may have several buses: `run_in_time_order` carries out the steps of all in the order of
 time.
 """
 
@@ -221,7 +221,7 @@ class Bus:
         return (s for s in self._servos if s.id == number and self._hears(s))
 
     def _group(self, number: int) -> list[Servo]:
-        """Servos that obey this number as their group's, and have another one of their own."""
+        """Servos that obey this ID as their group's, and have another ID themselves."""
         if number > LARGEST_ID:
             return []
         servos = self._servos
@@ -249,7 +249,7 @@ def _whole(data: bytes, size: int) -> bytes:
 
 
 def run_in_time_order(world: EmulatedRobot, begun: Sequence[Steps]) -> list[list[Arrival]]:
-    """Carry out what several buses were told, each step at its time, and return their answers."""
+    """Carry out the steps of several buses, each at its time, and return their answers."""
     arrivals: list[list[Arrival]] = [[] for _ in begun]
     waiting: list[tuple[float, int]] = []
 

@@ -31,7 +31,7 @@ POSITION_MODES = (SINGLE_TURN, EXTENDED, SOFT)
 
 
 class Control:
-    """What n servos regulate, by which law, and what their laws remember.
+    """The control modes of n servos, with the state of their controllers.
 
     Args:
         memories: the servos' control tables.

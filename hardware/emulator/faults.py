@@ -84,7 +84,7 @@ class Faults:
         self._answers = any(f.kind in get_args(AnswerKind) for f in self._faults)
 
     def incoming(self, data: bytes, now: float) -> bytes:
-        """Return what the servos get of what the host writes at `now` [s]."""
+        """Return the bytes that reach the servos of those that the host writes at `now` [s]."""
         if not self._commands:
             return data
         for fault in self._striking(get_args(CommandKind), None, now):

@@ -1,4 +1,4 @@
-"""The emulator's own servos in the place of Feetech ones: their motor, gains and units.
+"""The emulator's servos behind Feetech ones: their motor, gains and units.
 
     robot = inner(load_robot("so101"))              # what `World` is made of
 

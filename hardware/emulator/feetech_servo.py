@@ -31,7 +31,7 @@ from hardware.tables import servo_type
 
 POSITION, WHEEL, PWM, STEP = range(4)
 INNER_MODE = {POSITION: EXTENDED, WHEEL: VELOCITY, PWM: DUTY, STEP: EXTENDED}
-DAMPING, CALIBRATE = 2, 128  # values of torque_enable, beside 0 and 1
+DAMPING, CALIBRATE = 2, 128  # values of torque_enable, in addition to 0 and 1
 TURN, MIDDLE, MOST_OFFSET = 4096, 2048, 2047  # counts
 REBOOT_TIME = 0.8  # s, from the maker's protocol manual
 
@@ -118,7 +118,7 @@ class FeetechServo:
         return self["homing_offset"] if self._mode == POSITION else 0
 
     def wake(self) -> None:
-        """Begin anew if the inner servo has: EEPROM as it was kept, RAM as from the factory."""
+        """Restart if the inner servo has: EEPROM as it was kept, RAM as from the factory."""
         born = int(self._firmware.born[self._index])
         if born == self._born:
             return
@@ -319,6 +319,6 @@ class FeetechServo:
         self._load(now)
 
     def reboot(self, now: float) -> None:
-        """Start anew, silent for a while."""
+        """Restart, silent for a while."""
         self.core.reboot(now)
         self.core.silent_until = now + REBOOT_TIME

@@ -1,4 +1,4 @@
-"""What runs inside the servos: once a millisecond, from encoder count to winding voltage.
+"""The servos' firmware: once a millisecond, from encoder count to winding voltage.
 
     firmware.tick()                       # all n servos and one step of the physics
     firmware.count, firmware.velocity     # what a client can read
@@ -181,7 +181,7 @@ class Firmware:
         self.torque_on[i] = on
 
     def _turn(self, i: int) -> float:
-        """Where a servo is, without its homing offset [counts]: beyond one turn after several."""
+        """A servo's position without its homing offset [counts], over several turns."""
         return float(self.flip[i] * self._raw[i] + self.base[i])
 
     def load_goals(self, i: int, position: bool = True, velocity: bool = True) -> None:
@@ -254,7 +254,7 @@ class Firmware:
         self._history.append((self.count, self.velocity.copy(), self.pwm, self.current))
 
     def _pwm(self, error: np.ndarray) -> np.ndarray:
-        """What the control laws drive, (n,), for errors of position [counts], (n,)."""
+        """The controllers' output, (n,), for errors of position [counts], (n,)."""
         control, speed = self.control, self._profile.speed
         if control.plain:
             return control.position_law(error, speed)
@@ -331,5 +331,5 @@ class Firmware:
 
     @property
     def trajectory(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where the goals are on their way [counts] and how fast [counts/s], (n,) each."""
+        """The profiled goals' positions [counts] and speeds [counts/s], (n,) each."""
         return self._profile.position, self.control.way_speed(self._profile.speed)

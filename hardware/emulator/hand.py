@@ -1,4 +1,4 @@
-"""A person beside an emulated robot: plugs its servos in and moves its joints by hand.
+"""A person at an emulated robot, who plugs its servos in and moves its joints by hand.
 
     hand = Hand(world)
     hand.obey("connect elbow_flex")         # "connected: elbow_flex"

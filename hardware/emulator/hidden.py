@@ -1,4 +1,4 @@
-"""What an emulated robot hides: the effects of a file, as numbers for its own laws.
+"""The hidden effects of an emulated robot: those of a file, as values of its own models.
 
     hidden = read_hidden("effects.yaml", robot)
     hidden.coulomb          # N·m, one for each servo
@@ -105,7 +105,7 @@ class HiddenEffects:
 
 
 def nothing_hidden(count: int) -> HiddenEffects:
-    """Return the neutral effects of so many servos."""
+    """Return the neutral effects of a number of servos."""
     servo = {}
     for name, extras in SERVO_EFFECTS.items():
         servo[name] = np.full(count, NEUTRAL.get(name, 0.0))

@@ -45,7 +45,7 @@ class EmulatedImu:
             self._number += 1
 
     def take(self, data: bytes, moment: float, speed: int) -> None:
-        """Take what a client wrote: this part listens to nobody."""
+        """Discard what a client wrote: this part ignores its input."""
 
     def _turned(self, site: np.ndarray) -> tuple[float, float, float]:
         """Return the part's yaw, pitch and roll in the world [rad], of its site's orientation."""
@@ -65,8 +65,8 @@ class EmulatedImu:
 class EmulatedBno055(EmulatedImu):
     """A BNO055 at the site that the robot's file names, over its serial port.
 
-    Assumed, as the maker does not publish it: how long it takes to answer. Registers beside the
-    identity, mode, units and data hold what was written.
+    Assumed, as the maker does not publish it: how long it takes to answer. Registers other than
+    the identity, mode, units and data hold what was written.
     """
 
     def __init__(self, world: EmulatedRobot) -> None:
@@ -115,7 +115,7 @@ class EmulatedBno055(EmulatedImu):
         return bytes([bno055.STATUS, bno055.OK])
 
     def _refresh(self) -> None:
-        """Measure anew if the part has, in its mode; else the registers stay as they are."""
+        """Take over a new measurement, in the part's mode; otherwise the registers stay."""
         if self._registers[bno055.MODE] & 0xF != bno055.IMU:
             return
         if self._world.time - self._measured < 1 / rvc.RATE:

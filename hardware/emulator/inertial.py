@@ -1,11 +1,11 @@
-"""What the emulated IMU feels at its site: the truth of the physics, late, noisy and biased.
+"""Readings of the emulated IMU at its site: the simulated motion, late, noisy and biased.
 
     inertial = InertialSensor(robot.imu, mechanics, rng)
     inertial.remember()                     # after each tick of the robot
     inertial.measure()["acceleration"]      # m/s^2 along the site's axes; at rest 9.81 upwards
 
 Errors are those of the robot's file (`imu.emulated`), and what the robot hides (`Hidden.imu`): a
-part that is askew, later still, or whose gyro is off; without them the truth is told. Noise is
+part that is askew, later still, or whose gyro is off; without them readings are exact. Noise is
 white: each reading draws its own, so that a value that is read twice differs.
 """
 
@@ -52,7 +52,7 @@ class InertialSensor:
             self._past.append(self._truth())
 
     def measure(self) -> dict[str, np.ndarray]:
-        """Return what the part reads now, along the axes of the site.
+        """Return the part's current readings along the axes of the site.
 
         Returns:
             orientation: a unit quaternion w x y z, (4,).
@@ -73,7 +73,7 @@ class InertialSensor:
     def _truth(self) -> dict[str, np.ndarray]:
         """Return the model's sensors at the site.
 
-        What holds a robot is no part of the physics, which lets it fall and puts it back: what is
+        What holds a robot is not part of the physics, which lets it fall and puts it back: what is
         held feels its weight.
         """
         mechanics, data = self._mechanics, self._mechanics.data
@@ -97,7 +97,7 @@ class InertialSensor:
 
 
 def _askew(truth: Mapping[str, np.ndarray], mount: np.ndarray) -> dict[str, np.ndarray]:
-    """Return what a part feels that is turned by a rotation vector in the site's axes."""
+    """Return the readings of a part that is turned by a rotation vector in the site's axes."""
     axes, back = np.zeros(4), np.zeros(4)
     angle = float(np.linalg.norm(mount))
     mujoco.mju_axisAngle2Quat(axes, mount / angle, angle)

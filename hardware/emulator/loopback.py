@@ -119,7 +119,7 @@ class LoopbackPort(PortHandler):
 
 
 class PendingWrites:
-    """What was written to the ports of one robot and is not carried out yet.
+    """Requests that were written to the ports of one robot and are not carried out yet.
 
     Args:
         world: the robot.
@@ -127,23 +127,23 @@ class PendingWrites:
 
     def __init__(self, world: EmulatedRobot) -> None:
         self._world = world
-        self._told: list[tuple[LoopbackPort, float, Steps]] = []
+        self._waiting: list[tuple[LoopbackPort, float, Steps]] = []
 
     def queue(self, port: LoopbackPort, time: float, steps: Steps) -> None:
         """Take what was written to a port at a time [s], after what was written to it before."""
-        if any(other is port for other, _, _ in self._told):
+        if any(other is port for other, _, _ in self._waiting):
             self.flush_until()
-        self._told.append((port, time, steps))
+        self._waiting.append((port, time, steps))
         if not self._world.robot.buses:
             self.flush_until()
 
     def flush_until(self, before: float = math.inf) -> None:
         """Carry out what was written before this time [s], all of it together."""
-        if not any(time < before for _, time, _ in self._told):
+        if not any(time < before for _, time, _ in self._waiting):
             return
-        told, self._told = self._told, []
+        steps_of, self._waiting = self._waiting, []
         for (port, _, _), arrivals in zip(
-            told, run_in_time_order(self._world, [steps for _, _, steps in told]), strict=True
+            steps_of, run_in_time_order(self._world, [s for _, _, s in steps_of]), strict=True
         ):
             for arrival, data in arrivals:
                 port.expect(arrival, data)

@@ -128,7 +128,7 @@ class Mechanics:
 
     @property
     def angle(self) -> np.ndarray:
-        """What the encoders turn by [rad along the joints], (n,)."""
+        """The encoders' angles [rad along the joints], (n,)."""
         angle = self.data.qpos[self.qpos]
         if len(self._link_side):
             angle[self._play[self._link_side]] += self.data.qpos[self._play_qpos[self._link_side]]
@@ -136,7 +136,7 @@ class Mechanics:
 
     @property
     def joint_angle(self) -> np.ndarray:
-        """Where the links are [rad], (n,): beyond any play."""
+        """The links' angles [rad], (n,): beyond any play."""
         angle = self.data.qpos[self.qpos]
         angle[self._play] += self.data.qpos[self._play_qpos]
         return angle

@@ -2,10 +2,10 @@
 
     model, plays = build_model(robot, hidden, timestep=0.0005)
 
-The nominal actuators go; each servo becomes a `dcmotor` driven by voltage, in a group of its own so
+The nominal actuators go; each servo becomes a `dcmotor` driven by voltage, in a separate group so
 that it can be switched off (a motor at 0 V brakes, a servo without torque does not). A servo with
-play or a spring gets a second joint beside its own, between gear and link. The nominal joint then
-is the motor's side.
+play or a spring gets a second joint in addition to its own, between gear and link. The nominal
+joint then is the motor's side.
 """
 
 import mujoco
@@ -16,7 +16,7 @@ from hardware.emulator.hidden import HiddenEffects
 from hardware.errors import RobotError, format_names
 from hardware.parts import Imu
 
-IMU_SENSORS = {  # of the emulated IMU, beside the model's own sensors
+IMU_SENSORS = {  # of the emulated IMU, in addition to the model's own sensors
     "orientation": ("imu orientation", mujoco.mjtSensor.mjSENS_FRAMEQUAT),
     "gyro": ("imu gyro", mujoco.mjtSensor.mjSENS_GYRO),
     "acceleration": ("imu acceleration", mujoco.mjtSensor.mjSENS_ACCELEROMETER),

@@ -20,7 +20,7 @@ STEP, RECTANGLE, TRIANGLE, TRAPEZOID = 0x00, 0x10, 0x20, 0x30  # as in the movin
 
 
 def limits(memory: ControlTable, way: float) -> tuple[float, float]:
-    """Return what a servo's registers limit on a way [counts]: [counts/s], [counts/s^2]."""
+    """Return a servo's limits [counts/s], [counts/s^2] on a move of `way` counts."""
     velocity, acceleration = memory["profile_velocity"], memory["profile_acceleration"]
     units = memory.kind.units
     timed = memory["drive_mode"] & TIMED
@@ -46,7 +46,7 @@ def shape(memory: ControlTable, way: float) -> int:
 
 
 class Profile:
-    """Goals of n servos on their way [counts]: trapezoids of speed, started anew by each command.
+    """Goals of n servos on their way [counts]: trapezoids of speed, restarted by each command.
 
     Args:
         start: where the goals are, (n,).

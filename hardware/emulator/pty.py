@@ -36,7 +36,7 @@ from hardware.emulator.world import EmulatedRobot
 from hardware.errors import RobotError
 
 IMU = "imu"  # the name of its device
-IDLE = 0.005  # s between looks at the clock while nobody writes
+IDLE = 0.005  # s between looks at the clock while no client writes
 SPIN = 0.0015  # s before an answer is due in which this process does not sleep: it may wake late
 FURTHEST = 1.0  # s of motion that are caught up at once; of more the robot stands still
 AHEAD = 0.01  # s of wire that are taken at once
@@ -95,7 +95,7 @@ def link_of(link: Path, name: str) -> Path:
 
 
 def check_link(link: Path) -> None:
-    """Refuse a link in whose place there is something that is no link to a device.
+    """Refuse a link whose name is taken by something other than a link to a device.
 
     Raises:
         RobotError: with what is there, or which folder is not.
@@ -105,7 +105,7 @@ def check_link(link: Path) -> None:
     stale = link.is_symlink() and os.readlink(link).startswith("/dev/")
     if not stale and (link.is_symlink() or link.exists()):
         raise RobotError(
-            f"link={link}: there is something of that name, and it is no link to a device; "
+            f"link={link}: this exists and is not a link to a device; "
             "choose another name, or remove it"
         )
 
@@ -161,7 +161,7 @@ class Line:
             self._give(heapq.heappop(self._waiting)[2])
 
     def take(self) -> tuple[bytes, int]:
-        """Return what the client wrote, and its speed [bits/s]: 0 if the line hangs up."""
+        """Return the client's bytes, and its speed [bits/s]: 0 if the line hangs up."""
         speed = line_speed(self._slave)
         return os.read(self.master, max(int(AHEAD * speed / 10), 1)), speed
 

@@ -74,7 +74,7 @@ class FeetechClient(BusClient):
         return _reply(packets[0]) if packets else None
 
     def write_all(self, address: int, data: bytes) -> None:
-        """Write registers of every servo at once; nobody answers."""
+        """Write registers of every servo at once, without acknowledgement."""
         self._ask(BROADCAST, protocol.WRITE, bytes([address]) + data, [])
 
     def reboot(self, number: int) -> Reply | None:
@@ -86,7 +86,7 @@ class FeetechClient(BusClient):
         raise SerialPortError(f"servo {number} cannot be rebooted over the bus; switch its supply")
 
     def sync_write(self, address: int, values: Mapping[int, bytes]) -> None:
-        """Write the same registers of several servos; nobody answers."""
+        """Write the same registers of several servos, without acknowledgement."""
         size = len(next(iter(values.values())))
         entries = b"".join(bytes([number]) + data for number, data in values.items())
         self._ask(BROADCAST, protocol.SYNC_WRITE, bytes([address, size]) + entries, [])

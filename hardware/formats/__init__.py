@@ -1,4 +1,4 @@
-"""How logs lie in files: this project's own CSV and Parquet, and those of other tools.
+"""File formats of logs: this project's own CSV and Parquet, and those of other tools.
 
     columns, meta = find(Path("run.mcap")).read(Path("run.mcap"))
 

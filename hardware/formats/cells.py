@@ -54,8 +54,8 @@ def seconds(cells: Sequence[Any], place: str, first_line: int | None = None) -> 
         moment = _moment(cell)
         if moment is None:
             raise LogError(
-                f"{_at(place, row, first_line)}: {cell!r} is no date; the rows before have dates "
-                "such as 2026-01-15T10:28:10.020"
+                f"{_at(place, row, first_line)}: {cell!r} is not a date; the rows before have "
+                "dates such as 2026-01-15T10:28:10.020"
             )
         moments.append(moment)
     try:

@@ -81,7 +81,7 @@ def with_time(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def separator_of(line: str) -> str:
-    """Return what separates the cells of a table: the commonest of `,`, `;` and tab in a line."""
+    """Return the separator of a table's cells: the most frequent of `,`, `;` and tab in a line."""
     return max(",;\t", key=line.count)
 
 
@@ -97,7 +97,7 @@ def _columns(path: Path, header: list[str], separator: str) -> dict[str, np.ndar
     if rows and not any(map(is_value, rows[0])):
         raise LogError(
             f"{path}, row 0 (line {FIRST_LINE}): there is no number in it; if it is a second line "
-            "of names or units, remove it, or write a columns.yaml (docs/logs.md)"
+            "of names or units, remove it, or write a columns.yaml (docs/how-to/prepare_logs.md)"
         )
     found = {}
     for number, name in enumerate(header):

@@ -161,7 +161,7 @@ def _columns(log: Path) -> str:
             columns[key] = entry | ({"index": i} if width > 1 else {})
     words += _ask_units(columns, _values(log))
     lines = [
-        f"# which column of {log.name} is what; check names, units and signs (docs/logs.md)",
+        f"# columns of {log.name}: check names, units and signs (docs/how-to/prepare_logs.md)",
         *(f"# not recognized: {name}" for name in rest),
         *(f"# {text}" for text in (*words, *_missing(columns))),
     ]
@@ -205,7 +205,7 @@ def _missing(columns: Mapping[str, object]) -> Iterator[str]:
     joints = {kind: {n[5:] for n in columns if n.startswith(f"{kind}.")} for kind in KINDS}
     for kind, other in (KINDS, KINDS[::-1]):
         for joint in sorted(joints[other] - joints[kind] if joints[kind] else ()):
-            yield f"missing: `{kind}.{joint}`, beside `{other}.{joint}`; or the names differ"
+            yield f"missing: `{kind}.{joint}` for `{other}.{joint}`, or the names differ"
 
 
 def _values(log: Path) -> dict[str, np.ndarray]:
@@ -253,7 +253,7 @@ def _topics(log: Path) -> str:
     if not any(channel["to"] == "ctrl" for channel in channels):
         example = {"topic": "/joint_commands", "field": "data", "names": ["joint"], "to": "ctrl"}
         channels.insert(0, example)
-    lines = [f"# which topic of {log.name} is what; check them (docs/logs.md). It has:"]
+    lines = [f"# topics of {log.name}: check them (docs/how-to/prepare_logs.md). It has:"]
     lines += [f"#   {topic}: {kind}" for topic, kind in sorted(there.items())]
     return "\n".join(lines) + "\n" + yaml.safe_dump({"channels": channels}, sort_keys=False)
 

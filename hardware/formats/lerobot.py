@@ -3,8 +3,8 @@
     columns, meta = read(Path("my_dataset/data/chunk-000/episode_000000.parquet"))
 
 `action` becomes `ctrl.<joint>`, `observation.state` `qpos.<joint>`; the joints' names are those of
-`meta/info.json`, without their `.pos`. What a data set does not say stands in a file `log.json` in
-its folder (or beside the episode, under the episode's name):
+`meta/info.json`, without their `.pos`. What a data set does not contain is read from a file
+`log.json` in its folder (or next to the episode, under the episode's name):
 
     {"unit": "normalized", "calibration": "so101.json", "joints": {"shoulder_pan": "pan"},
      "scale": {"gripper": [-0.1745, 1.0]}, "model": "so101.xml"}
@@ -52,7 +52,7 @@ def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Return the columns of the episodes in a file, (T,) each, and their metadata.
 
     Raises:
-        LogError: a column is missing, the unit cannot be told, or the calibration does not fit.
+        LogError: a column is missing, the unit is unknown, or the calibration does not fit.
     """
     table = read_table(path)
     missing = [name for name in NEEDED if name not in table.column_names]
@@ -60,12 +60,12 @@ def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         raise LogError(f"{path}: the column {missing[0]!r} of a LeRobot episode is missing")
     data = {name: numbers(path, name, table[name]) for name in NEEDED}
     folder, info = _info(path)
-    told = {**read_meta(folder / "log.json"), **read_meta(path.with_suffix(".json"))}
+    extra = {**read_meta(folder / "log.json"), **read_meta(path.with_suffix(".json"))}
     names = _names(path, info, "observation.state", data["observation.state"])
     commanded = _names(path, info, "action", data["action"])
-    angles = _angles(path, folder, told, info, data)
-    renamed = told.get("joints", {})
-    scale = told.get("scale", {})
+    angles = _angles(path, folder, extra, info, data)
+    renamed = extra.get("joints", {})
+    scale = extra.get("scale", {})
     columns = {"episode": data["episode_index"], "time": data["timestamp"]}
     for kind, joints, feature in (
         ("ctrl", commanded, "action"),
@@ -75,7 +75,7 @@ def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
             offset, factor = scale.get(name, (0.0, 1.0))
             values = angles(name, data[feature][:, i])
             columns[f"{kind}.{renamed.get(name, name)}"] = offset + factor * values
-    meta = {key: value for key, value in told.items() if key not in OWN}
+    meta = {key: value for key, value in extra.items() if key not in OWN}
     if "model" in meta:
         meta["model"] = str((folder / meta["model"]).resolve())
     return columns, {"source": "lerobot", **_clock(data, info), **meta}
@@ -84,20 +84,20 @@ def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
 def _angles(
     path: Path,
     folder: Path,
-    told: Mapping[str, Any],
+    extra: Mapping[str, Any],
     info: Mapping[str, Any],
     data: Mapping[str, np.ndarray],
 ) -> Any:
     """Return a function of joint name and numbers (T,) to angles [rad]."""
-    unit = told.get("unit", info.get("unit")) or _guess(path, folder, data)
+    unit = extra.get("unit", info.get("unit")) or _guess(path, folder, data)
     if unit not in UNITS:
         raise LogError(f"{path}: the unit is {unit!r}; it can be {format_names(UNITS)}")
     if unit == "degrees":
         return lambda name, values: np.deg2rad(values)
     if unit == "radians":
         return lambda name, values: values
-    ranges = _ranges(path, folder, told)
-    turn = 2 * np.pi / float(told.get("resolution", RESOLUTION))
+    ranges = _ranges(path, folder, extra)
+    turn = 2 * np.pi / float(extra.get("resolution", RESOLUTION))
 
     def angle(name: str, values: np.ndarray) -> np.ndarray:
         if name not in ranges:
@@ -133,14 +133,14 @@ def _guess(path: Path, folder: Path, data: Mapping[str, np.ndarray]) -> str:
     return "radians"
 
 
-def _ranges(path: Path, folder: Path, told: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+def _ranges(path: Path, folder: Path, extra: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     """Return the joints of a LeRobot calibration."""
-    if "calibration" not in told:
+    if "calibration" not in extra:
         raise LogError(
             f"{path}: normalized units need the robot's calibration; name its file as "
             f'"calibration" in {folder / "log.json"}'
         )
-    file = folder / str(told["calibration"])
+    file = folder / str(extra["calibration"])
     if not file.is_file():
         raise LogError(f"{path}: the calibration {file} is not there")
     table = read_meta(file)

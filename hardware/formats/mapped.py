@@ -1,6 +1,6 @@
 """Logs under other names, in CSV, Parquet, HDF5 or Zarr: a `columns.yaml` says what is what.
 
-    # columns.yaml, beside the log (or NAME.columns.yaml for one log)
+    # columns.yaml, next to the log (or NAME.columns.yaml for one log)
     columns:
       time:       {from: t_ms, unit: ms}
       ctrl.elbow: {from: cmd_elbow, unit: deg}
@@ -95,7 +95,7 @@ def _mapping(file: Path) -> dict[str, Any]:
             raise LogError(f"{file}: there is no key {key!r}{did_you_mean(key, KEYS)}")
     for name, entry in tree["columns"].items():
         if not known(str(name)):
-            raise LogError(f"{file}: a log has no column {name!r}; see docs/logs.md for the names")
+            raise LogError(f"{file}: unknown column {name!r}; names: docs/reference/log_format.md")
         entry = dict(entry) if isinstance(entry, dict) else {"from": entry}
         if isinstance(entry.get("from"), int):
             entry["from"] = str(entry["from"])
@@ -119,7 +119,7 @@ def _mapping(file: Path) -> dict[str, Any]:
 
 
 def _as_servo_counts(meta: dict[str, Any], place: str, name: str) -> dict[str, Any]:
-    """Return what a robot's file says of a servo's counts: in a turn, at the zero, which way."""
+    """Return a servo's counts by its robot's file: per turn, at the zero, and the sign."""
     kind, _, joint = name.partition(".")
     robot = meta.get("robot")
     if kind not in ("qpos", "ctrl") or not isinstance(robot, str):
@@ -164,7 +164,7 @@ def _column(
 def _source(
     path: Path, file: Path, name: str, entry: dict[str, Any], source: dict[str, Any]
 ) -> np.ndarray:
-    """Return what an entry takes from the file, as numbers in the file's unit, (T,)."""
+    """Return an entry's values in the file, in the file's unit, (T,)."""
     wanted = entry["from"]
     key = wanted if wanted in source else wanted.strip("/")
     if key not in source:

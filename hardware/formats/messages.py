@@ -1,6 +1,6 @@
 """Recordings of messages as logs: MCAP files and rosbag2 folders, each channel on its own clock.
 
-    # topics.yaml, beside the recording (or in it, for a folder; or NAME.topics.yaml)
+    # topics.yaml, next to the recording (or in it, for a folder; or NAME.topics.yaml)
     channels:
       - {topic: /joint_commands, field: data, names: [pan, lift], to: ctrl}
       - {topic: /joint_states, field: position, names: name, to: qpos}
@@ -12,9 +12,7 @@
 
 `field` is the list of numbers in a message (or one number), with dots into nested messages;
 `names` its joints, a list or the field that holds them; `to` the column's kind. A row is a message
-of the first `ctrl` channel; other commands hold their latest value. A position is the latest that
-was measured before the row's command, and `stamp.<joint>` says when; a channel of a joint on
-another clock (a speed) is interpolated to that moment, all others are the latest before the row.
+of a `ctrl` channel, or a reading between two of them (`hardware.formats.rates`).
 
 Needs the extra `ros` (mcap, mcap-ros2-support, rosbags).
 """
@@ -23,13 +21,14 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import yaml
 
 from hardware.errors import LogError, did_you_mean, format_names
-from hardware.formats.names import JOINT_KINDS, KINDS
+from hardware.formats.names import KINDS, READING
+from hardware.formats.rates import Series, align, merge
 from hardware.formats.sidecar import read_meta
 from hardware.formats.units import factor
 
@@ -38,13 +37,6 @@ KEYS = ("channels", "joints", "stamp", "gap", "meta")
 CHANNEL = ("topic", "field", "names", "to", "unit", "scale")
 GAP = 1.0  # s: commands of one motion come more often; a person needs longer to start the next
 NANOS = 10**9  # in a second
-
-
-class Series(NamedTuple):
-    """One signal on its own clock."""
-
-    time: np.ndarray  # (n,) s
-    value: np.ndarray  # (n,)
 
 
 def is_log(path: Path) -> bool:
@@ -62,14 +54,14 @@ def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     if file is None:
         there = "; ".join(f"{t} ({kind})" for t, kind in sorted(topics(path).items())) or "none"
         raise LogError(
-            f"{path}: a {NAME} beside it must map its topics "
+            f"{path}: a {NAME} next to it must map its topics "
             f"(`sim2real convert {path.name} columns={NAME}` writes one); it has: {there}"
         )
     tree = _checked(file)
     series = _series(path, file, tree)
-    columns = _rows(path, file, tree, series)
+    columns, notes = _rows(path, file, tree, series)
     meta = {**tree.get("meta", {}), **read_meta(path.with_suffix(".json"))}
-    return columns, {"source": "messages", **meta}
+    return columns, {"source": "messages", READING: notes, **meta}
 
 
 def topics_file(path: Path) -> Path | None:
@@ -233,7 +225,7 @@ def _get(message: Any, name: str) -> Any:
 
 
 def _field(message: Any, dotted: str, place: str) -> Any:
-    """Return what a dotted name means in a message; numbers index lists."""
+    """Return the value of a dotted name in a message; numbers index lists."""
     found = message
     for part in dotted.split("."):
         before, found = found, found[int(part)] if part.isdigit() else _get(found, part)
@@ -246,36 +238,21 @@ def _field(message: Any, dotted: str, place: str) -> Any:
 
 def _rows(
     path: Path, file: Path, tree: Mapping[str, Any], series: Mapping[str, Series]
-) -> dict[str, np.ndarray]:
-    """Return columns with a row for each command."""
-    first = next(name for name in series if name.startswith("ctrl."))
-    positions = {n[5:]: s for n, s in series.items() if n.startswith("qpos.")}
-    if not positions:
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return columns with a row for each command and reading, and what was done to them."""
+    if not any(name.startswith("qpos.") for name in series):
         raise LogError(f"{file}: no channel is the measured positions (`to: qpos`)")
-    began = max(s.time[0] for n, s in series.items() if n.startswith(("ctrl.", "qpos.")))
-    moments = series[first].time[series[first].time >= began]
-    if len(moments) < 2:
-        raise LogError(f"{path}: every command was sent before the first position was measured")
-    cuts = np.diff(moments) > float(tree.get("gap", GAP))
-    episode = np.r_[0, np.cumsum(cuts)]
-    sizes = np.bincount(episode)
-    kept = sizes[episode] >= 2  # a single command between two pauses is no motion
-    moments, episode = moments[kept], episode[kept]
-    starts = np.r_[True, np.diff(episode) > 0]
-    origin = moments[starts][np.cumsum(starts) - 1]
-    columns = {"episode": episode.astype(float), "time": moments - origin}
-    stamps = {name: _latest(s, moments)[0] for name, s in positions.items()}
-    for name, signal in series.items():
-        kind, _, joint = name.partition(".")
-        if kind in JOINT_KINDS and kind != "qpos" and joint in stamps:
-            columns[name] = np.interp(stamps[joint], signal.time, signal.value)
-        elif signal.time[0] <= moments[0]:
-            columns[name] = _latest(signal, moments)[1]
-    columns |= {f"stamp.{name}": stamp - origin for name, stamp in stamps.items()}
-    return columns
-
-
-def _latest(signal: Series, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return when and what the last sample at or before each moment was, (T,) each."""
-    at = np.searchsorted(signal.time, moments, side="right") - 1
-    return signal.time[at], signal.value[at]
+    columns, notes = align(merge(series), str(path))
+    time, gap = columns["time"], float(tree.get("gap", GAP))
+    sent = np.unique(np.concatenate([s.time for n, s in series.items() if n.startswith("ctrl.")]))
+    sent = sent[np.searchsorted(sent, time[0], side="right") - 1 :]
+    motion = np.r_[0, np.cumsum(np.diff(sent) > gap)]  # of each command
+    last = np.searchsorted(sent, time, side="right") - 1
+    columns["episode"] = motion[last].astype(float)
+    moving = np.bincount(motion)[motion[last]] >= 2  # a single command between pauses is no motion
+    kept = moving & (time - sent[last] <= gap)
+    columns = {name: values[kept] for name, values in columns.items()}
+    starts = np.r_[True, np.diff(columns["episode"]) > 0]
+    origin = columns["time"][starts][np.cumsum(starts) - 1]
+    clocks = [name for name in columns if name == "time" or name.startswith("stamp.")]
+    return columns | {name: columns[name] - origin for name in clocks}, notes

@@ -1,6 +1,7 @@
 """The names that a trajectory log's columns can have; `hardware/log.py` says what they mean."""
 
 REQUIRED = ("episode", "time")
+READING = "reading"  # metadata: what the reader mended, in sentences
 IMPEDANCE_KINDS = ("kp", "kd", "qvel_des", "torque_ff")  # of a joint under impedance control
 ACTUATOR_KINDS = ("ctrl", "torque", "current", "voltage", "temperature", *IMPEDANCE_KINDS)
 JOINT_KINDS = ("qpos", "qvel", "stamp")

@@ -19,7 +19,7 @@ class Format:
 
     Args:
         name: what people call it.
-        is_log: whether a path is such a log, told without reading all of it.
+        is_log: whether a path is such a log, without reading all of it.
         read: returns the log's columns, (T,) each in SI units, and its metadata.
     """
 
@@ -56,10 +56,10 @@ def known() -> str:
 
 
 def refuse(path: Path) -> LogError:
-    """Return the error for a path that is no log."""
+    """Return the error for a path that is not a log."""
     if path.suffix in mapped.ARRAYS:
         return LogError(
-            f"{path}: a {path.suffix} file needs a {mapped.NAME} beside it that maps its arrays "
+            f"{path}: a {path.suffix} file needs a {mapped.NAME} next to it that maps its arrays "
             f"to columns; `sim2real convert {path.name} columns={mapped.NAME}` "
             "writes one to start from"
         )

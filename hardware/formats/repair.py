@@ -1,19 +1,20 @@
-"""What a reader mends in a log before anybody works with it, and what it says about that.
+"""Repairs that a reader makes in a log, each with a note.
 
     columns, notes = repair(columns, "run.csv", line=2)
 
 A position that is missing, or that no servo can have had, gets a number between its neighbours, so
 that every number is finite, and its row `flag.fresh` = 0, so that no comparison counts it. A
-command that is missing is not guessed. Each note is a sentence for whoever works with the log; they
+command that is missing is not guessed. Each note is a sentence for the log's reader; they
 lie under `reading` in its metadata.
 
-* Time is counted in seconds: rows that are 1 or more apart are no seconds but milliseconds,
+* Time is counted in seconds: rows that are 1 or more apart are not seconds but milliseconds,
   microseconds or nanoseconds. An episode that begins more than 1 s from 0 is of another clock, and
   counted from its start.
 * Lost answers are cells without a number; a constant that a reading jumps to and back from (0 or
   2³² while the bus was silent); a reading that stands still while the joint moves on, and jumps.
   A jump is faster than `FASTEST` and than `SUDDEN` times the usual change from row to row.
 * Angles that come in at the other end of a turn are made continuous.
+* Columns that arrive at different rates become rows of a log (`hardware.formats.rates`).
 """
 
 import math
@@ -24,8 +25,8 @@ import numpy as np
 
 from hardware.errors import LogError
 from hardware.formats.names import INTEGER_KINDS, REQUIRED
+from hardware.formats.rates import COMMANDS, FRESH, Columns, align, episodes, of_several_rates
 
-Columns = dict[str, np.ndarray]
 FINE = 1e-9  # s: moments that are less apart are one
 SLOWEST = 1.0  # s between two rows of a robot's log; units are a thousand apart
 UNITS = ("seconds", "milliseconds", "microseconds", "nanoseconds")
@@ -34,14 +35,12 @@ SUDDEN = 10.0  # times the median change from row to row
 LONGEST = 25  # rows that a lost reading stays at one value
 FROZEN = 3  # rows at least that a reading stands still before it is called lost
 CATCH_UP = 3.0  # times the way that a joint would have gone on, that it jumps at most
-MISSING = 0.5  # share of the rows without a position from which on a log is of another kind
 WRAP = 0.9  # of a turn: a change by more is one from end to end
 SLACK = 0.2  # rad that a wrapped angle may lie beyond ±π or 0 and 2π
-COMMANDS = ("ctrl", "torque", "kp", "kd", "qvel_des", "torque_ff")
 
 
 def repair(columns: Mapping[str, np.ndarray], place: str, line: int | None) -> tuple[Columns, list]:
-    """Return a log's columns, (T,) each, as they are worked with, and what was mended.
+    """Return a log's columns, (T,) each, as they are used, and what was repaired.
 
     Args:
         columns: as they stand in the file; NaN where a cell is empty.
@@ -55,13 +54,18 @@ def repair(columns: Mapping[str, np.ndarray], place: str, line: int | None) -> t
     columns, notes = dict(columns), []
     if not set(REQUIRED) <= set(columns) or not len(columns["time"]):
         return columns, notes
-    _check_required(columns, place, line)
-    parts = _episodes(columns["episode"])
+    _check_numbers(columns, place, line)
+    for name in [n for n in columns if n.startswith("qpos.")]:
+        notes += _unwrap(columns, name, episodes(columns["episode"]))
+    if of_several_rates(columns):
+        columns, told = align(columns, place, line)
+        notes += told
+    _check_commands(columns, place, line)
+    parts = episodes(columns["episode"])
     notes += _count_time(columns, parts)
-    lost = _fill(columns, parts, place, line)
+    lost = _fill(columns, parts, place)
     notes += [f"{_lost(name, rows)} missing" for name, rows in lost.items()]
     for name in [n for n in columns if n.startswith("qpos.")]:
-        notes += _unwrap(columns, name, parts)
         for rows, what in _impossible(columns[name], columns["time"], parts):
             since = columns["time"][rows][0], columns["episode"][rows][0]
             notes.append(
@@ -71,10 +75,10 @@ def repair(columns: Mapping[str, np.ndarray], place: str, line: int | None) -> t
             lost[name] = lost.get(name, np.zeros(len(rows), bool)) | rows
     positions = [rows for name, rows in lost.items() if name.startswith("qpos.")]
     if positions:
-        fresh = columns.get("flag.fresh", np.ones(len(columns["time"])))
-        columns["flag.fresh"] = np.where(np.any(positions, axis=0), 0.0, fresh)
-        rows = int(np.any(positions, axis=0).sum())
-        notes.append(f"{rows} of {len(fresh)} rows are left out of comparisons (flag.fresh = 0)")
+        fresh = columns.get(FRESH, np.ones(len(columns["time"])))
+        columns[FRESH] = np.where(np.any(positions, axis=0), 0.0, fresh)
+        left, rows = int(np.sum(columns[FRESH] <= 0)), len(fresh)
+        notes.append(f"{left} of {rows} rows are left out of comparisons ({FRESH} = 0)")
     return columns, notes
 
 
@@ -83,29 +87,32 @@ def _lost(name: str, rows: np.ndarray) -> str:
     return f"{name}: {count} reading{'s' if count > 1 else ''} {'are' if count > 1 else 'is'}"
 
 
-def _check_required(columns: Columns, place: str, line: int | None) -> None:
-    """Refuse what cannot be guessed: a missing episode, time or command."""
+def _check_numbers(columns: Columns, place: str, line: int | None) -> None:
+    """Refuse a column without a number, and a row without its episode or time."""
     for name, values in columns.items():
-        kind = name.partition(".")[0]
         bad = np.flatnonzero(np.isnan(values))
         if bad.size == len(values):
             raise LogError(
                 f"{place}, column {name!r}: there is no number in it; log it, or remove the column"
             )
-        if bad.size and (kind in COMMANDS or name in REQUIRED):
-            what = "a command" if kind in COMMANDS else f"the {name}"
-            row = f"row {bad[0]}" + ("" if line is None else f" (line {bad[0] + line})")
-            raise LogError(
-                f"{place}, {row}, column {name!r}: {what} is missing, which is not guessed; write "
-                "it, or remove the row"
-            )
+        if bad.size and name in REQUIRED:
+            raise _missing(f"the {name}", name, int(bad[0]), place, line)
 
 
-def _episodes(episode: np.ndarray) -> list[slice]:
-    """Return the rows of each episode."""
-    cuts = np.flatnonzero(np.diff(episode) != 0) + 1
-    ends = [0, *cuts.tolist(), len(episode)]
-    return [slice(a, b) for a, b in pairwise(ends)]
+def _check_commands(columns: Columns, place: str, line: int | None) -> None:
+    """Refuse a command that is missing among others: it cannot be guessed."""
+    for name, values in columns.items():
+        bad = np.flatnonzero(np.isnan(values))
+        if bad.size and name.partition(".")[0] in COMMANDS:
+            raise _missing("a command", name, int(bad[0]), place, line)
+
+
+def _missing(what: str, name: str, row: int, place: str, line: int | None) -> LogError:
+    at = f"row {row}" + ("" if line is None else f" (line {row + line})")
+    return LogError(
+        f"{place}, {at}, column {name!r}: {what} is missing, which is not guessed; write it, or "
+        "remove the row"
+    )
 
 
 def _count_time(columns: Columns, parts: list[slice]) -> list[str]:
@@ -139,22 +146,9 @@ def _from(values: np.ndarray, start: float, unit: int) -> np.ndarray:
     return np.round(found, math.floor(-math.log10(apart))) if apart > FINE else found
 
 
-def _fill(
-    columns: Columns, parts: list[slice], place: str, line: int | None
-) -> dict[str, np.ndarray]:
+def _fill(columns: Columns, parts: list[slice], place: str) -> dict[str, np.ndarray]:
     """Give readings that are missing a number; return where they are, by column."""
     lost = {name: gone for name, v in columns.items() if (gone := np.isnan(v)).any()}
-    positions = [rows for name, rows in lost.items() if name.startswith("qpos.")]
-    share = float(np.any(positions, axis=0).mean()) if positions else 0.0
-    if share > MISSING:
-        name = next(n for n in lost if n.startswith("qpos."))
-        row = int(np.argmax(lost[name]))
-        at = f"row {row}" + ("" if line is None else f" (line {row + line})")
-        raise LogError(
-            f"{place}, {at}, column {name!r}: a position is missing in {share:.0%} of the rows, "
-            "here first; if joints were read at different moments, repeat the latest reading and "
-            "write when it was read as `stamp.<joint>`"
-        )
     for name, rows in lost.items():
         columns[name] = _between(columns[name], rows, columns["time"], parts)
         if name.partition(".")[0] in INTEGER_KINDS:
@@ -230,22 +224,23 @@ def _moves_on(change: np.ndarray, before: int, after: int) -> bool:
 
 def _unwrap(columns: Columns, name: str, parts: list[slice]) -> list[str]:
     """Make an angle continuous that comes in at the other end of a turn, and its command."""
-    q = columns[name]
-    if not _wraps(q, parts):
+    if not _wraps(columns[name], parts):
         return []
     command = f"ctrl.{name.partition('.')[2]}"
     for one in (name, command):
         if one in columns and _wraps(columns[one], parts, least=0):
             values = columns[one].copy()
             for part in parts:
-                values[part] = np.unwrap(values[part])
+                there = part.start + np.flatnonzero(np.isfinite(values[part]))
+                values[there] = np.unwrap(values[there])
             columns[one] = values
     return [f"{name}: the angle is wrapped to one turn and was made continuous"]
 
 
 def _wraps(q: np.ndarray, parts: list[slice], least: int = 1) -> bool:
     """Return whether an angle stays within a turn, and leaves it at one end for the other."""
-    turns = sum(int((np.abs(np.diff(q[part])) > WRAP * 2 * math.pi).sum()) for part in parts)
-    low, high = float(q.min()), float(q.max())
+    read = [q[part][np.isfinite(q[part])] for part in parts]
+    turns = sum(int((np.abs(np.diff(one)) > WRAP * 2 * math.pi).sum()) for one in read)
+    low, high = float(np.nanmin(q)), float(np.nanmax(q))
     centred = -math.pi - SLACK <= low and high <= math.pi + SLACK
     return turns >= least and (centred or (low >= -SLACK and high <= 2 * math.pi + SLACK))

@@ -23,6 +23,8 @@ from typing import Any
 import numpy as np
 
 from hardware.errors import LogError, format_names
+from hardware.formats.names import READING
+from hardware.formats.rates import align, merge
 
 FILES = ("control.csv", "state_motor.csv")
 MICRO = 1e-6  # s
@@ -44,38 +46,39 @@ def read(folder: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     sent, state = (_table(folder / name) for name in FILES)
     meta = _meta(folder)
     joints = _joints(folder, meta, sent["positions"].shape[1])
-    first = np.searchsorted(sent["timestamp"], state["timestamp"][0])
-    kept = {name: values[first:] for name, values in sent.items()}
-    latest = np.searchsorted(state["timestamp"], kept["timestamp"], side="right") - 1
-    if not latest.size:
-        raise LogError(f"{folder}: every command was sent before the first state was read")
-    time = MICRO * (kept["timestamp"] - kept["timestamp"][0])
-    stamp = MICRO * (state["timestamp"][latest] - kept["timestamp"][0])
-    columns = {"episode": 0 * time, "time": time}
     scale = {name: meta.get("scale", {}).get(name, (0.0, 1.0)) for name in joints}
-    for i, name in enumerate(joints):
-        offset, factor = scale[name]
-        columns[f"ctrl.{name}"] = offset + factor * kept["positions"][:, i]
-    for i, name in enumerate(joints):
-        offset, factor = scale[name]
-        columns[f"qpos.{name}"] = offset + factor * state["positions"][latest, i]
-    columns |= _more(state, latest, joints, {name: pair[1] for name, pair in scale.items()})
-    if np.any(stamp != time):
-        columns |= {f"stamp.{name}": stamp for name in joints}
-    return columns, {key: value for key, value in meta.items() if key not in ("joints", "scale")}
+    series = {}
+    for kind, table in (("ctrl", sent), ("qpos", state)):
+        for i, name in enumerate(joints):
+            offset, factor = scale[name]
+            series[f"{kind}.{name}"] = (
+                table["timestamp"],
+                offset + factor * table["positions"][:, i],
+            )
+    more = _more(state, joints, {name: pair[1] for name, pair in scale.items()})
+    series |= {name: (state["timestamp"], values) for name, values in more.items()}
+    if sent["timestamp"][-1] < state["timestamp"][0]:
+        raise LogError(f"{folder}: every command was sent before the first state was read")
+    columns, notes = align(merge(series), str(folder))
+    start = columns["time"][0]
+    for name in columns:
+        if name == "time" or name.startswith("stamp."):
+            columns[name] = MICRO * (columns[name] - start)
+    meta = {key: value for key, value in meta.items() if key not in ("joints", "scale")}
+    return columns, {READING: notes, **meta}
 
 
 def _more(
-    state: dict[str, np.ndarray], rows: np.ndarray, joints: Sequence[str], factors: dict[str, float]
+    state: dict[str, np.ndarray], joints: Sequence[str], factors: dict[str, float]
 ) -> dict[str, np.ndarray]:
-    """Speeds and currents of these rows, by the name of the column."""
+    """Speeds and currents by the name of the column."""
     columns = {}
     if "velocities" in state:
-        raw = state["velocities"][rows]
+        raw = state["velocities"]
         speeds = raw * (COUNT if np.array_equal(raw, np.round(raw)) else 1.0)
         columns |= {f"qvel.{n}": factors[n] * speeds[:, i] for i, n in enumerate(joints)}
     if "torques" in state:
-        raw = state["torques"][rows]
+        raw = state["torques"]
         columns |= {f"sensor.current_raw_{n}": raw[:, i] for i, n in enumerate(joints)}
     return columns
 
@@ -124,7 +127,7 @@ def _cell(path: Path, row: int, text: str | None, column: str) -> Any:
 
 
 def _meta(folder: Path) -> dict[str, Any]:
-    """What log.json says; the model's path is made absolute."""
+    """The content of log.json, with an absolute path of the model."""
     meta: dict[str, Any] = {}
     for place in _places(folder):
         path = place / "log.json"

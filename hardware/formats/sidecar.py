@@ -1,4 +1,4 @@
-"""The JSON file beside a log: what is known besides the numbers."""
+"""The JSON file next to a log: its metadata."""
 
 import json
 from pathlib import Path
@@ -11,7 +11,7 @@ def read_meta(path: Path) -> dict[str, Any]:
     """Return the table that a JSON file holds; {} if there is no such file.
 
     Raises:
-        LogError: it is no JSON, no table, or its `model` is no path.
+        LogError: it is not JSON, not a table, or its `model` is not a path.
     """
     if not path.is_file():
         return {}

@@ -53,7 +53,7 @@ TAKES: Mapping[str, Sequence[str]] = {  # dimensions by kind of column; others t
 
 
 def factor(unit: str, place: str, kind: str) -> float:
-    """Return what a number in a unit is multiplied by to be in SI.
+    """Return the factor from a unit to SI.
 
     Args:
         unit: the unit; `counts/4096` is an encoder's, with `/s` behind it a speed's.

@@ -1,4 +1,4 @@
-"""An IMU on a serial port of its own, named in the robot's file.
+"""An IMU on a separate serial port, named in the robot's file.
 
     rvc.py      frames of the BNO085 in its mode UART-RVC      reader.py   the IMU as body sensors
     bno055.py   registers of the BNO055, which has a gyro

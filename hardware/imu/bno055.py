@@ -35,7 +35,7 @@ SWITCH = 0.03  # s that a change of mode takes at most
 
 
 class Sample(NamedTuple):
-    """What the part measures along its own axes."""
+    """The part's readings along its own axes."""
 
     orientation: np.ndarray  # how it is turned in the world, a unit quaternion w x y z, (4,)
     acceleration: np.ndarray  # gravity in it [m/s^2], (3,)
@@ -53,7 +53,7 @@ def command(register: int, data: bytes) -> bytes:
 
 
 def sample(payload: bytes) -> Sample | None:
-    """Return what the registers from DATA on say; None if they cannot be true."""
+    """Return the readings in the registers from DATA on; None if they are impossible."""
     values = struct.unpack("<16h", payload)
     quaternion = np.array(values[12:16]) * QUATERNION_STEP
     length = math.sqrt(float(quaternion @ quaternion))
@@ -71,7 +71,7 @@ def payload(seen: Sample) -> bytes:
 
 
 class Parser:
-    """Cuts a stream of bytes into answers; what is no answer is counted."""
+    """Cuts a stream of bytes into answers; what is not an answer is counted."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()

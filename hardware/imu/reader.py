@@ -1,4 +1,4 @@
-"""The IMU of a robot's file, read over its serial port, as sensors beside the servos.
+"""The IMU of a robot's file, read over its serial port.
 
     imu = SerialImu(robot.imu, RealClock())
     imu.open()                              # SerialPortError: what came instead of frames
@@ -6,7 +6,7 @@
 
 Every read takes what has come since the last, and the newest frame counts: it is up to 10 ms old,
 and 1.7 ms more for its way over the wire. Damaged frames and gaps in their numbers are counted. A
-frame that is older than `STALE` is refused: whoever measures then stops. The heading is counted
+frame that is older than `STALE` is refused, which stops the robot. The heading is counted
 from where an episode starts, for the part counts it from its own start.
 """
 
@@ -82,7 +82,7 @@ class SerialImu:
         return f"IMU at {self.imu.port}"
 
     def _wait_for(self, wanted: int, seconds: float) -> None:
-        """Read until so many good frames came."""
+        """Read until a number of good frames came."""
         clock, end, got, count = self._clock, self._clock.now() + seconds, 0, 0
         damaged = self._parser.damaged
         while got < wanted:
@@ -180,8 +180,8 @@ class SerialImu:
 class AskedImu(SerialImu):
     """A BNO055 at a serial port: it is asked, and what it answered last counts.
 
-    Each `measure` takes the answer to the question of the one before, and asks again: nobody waits.
-    So a value is as old as a control step, and 10 ms more that the part takes to make one.
+    Each `measure` takes the answer to the question of the one before, and asks again, without
+    waiting. So a value is as old as a control step, and 10 ms more that the part takes to make one.
     """
 
     names = ("orientation", "gyro", "acceleration")
@@ -204,7 +204,7 @@ class AskedImu(SerialImu):
             self._write(register, value)
 
     def _write(self, register: int, value: int) -> None:
-        """Write a register and wait for its answer; a busy part is told again."""
+        """Write a register and wait for its answer; a busy part gets it again."""
         assert self._port is not None
         clock, end = self._clock, self._clock.now() + FIRST
         while clock.now() < end:

@@ -41,7 +41,7 @@ class Frame(NamedTuple):
 
     @property
     def orientation(self) -> np.ndarray:
-        """How the part is turned in the world, a unit quaternion w x y z, (4,)."""
+        """The part's orientation in the world, a unit quaternion w x y z, (4,)."""
         (cy, cp, cr), (sy, sp, sr) = (
             [f(a / 2) for a in (self.yaw, self.pitch, self.roll)] for f in (math.cos, math.sin)
         )

@@ -1,10 +1,10 @@
-"""What people type, as Hydra reads it: verbs by their names, files by their places, any path.
+"""Translate the command line for Hydra: verbs by name, files by position, any path.
 
     as_overrides(["diagnose", "swing.csv", "arm.xml"])
     # ["run=diagnose", "log=swing.csv", "model=arm.xml"]
     as_overrides(["run=replay", "log=~/runs (new)/a=1.csv"])
     # ["run=replay", "log='/home/me/runs (new)/a=1.csv'"]
-    as_overrides(["record", "my_arm.yaml"])     # a robot that is no choice of conf/robot
+    as_overrides(["record", "my_arm.yaml"])     # a robot that is not a choice of conf/robot
     # ["run=record", "~robot", "+robot={name:'my_arm',model:'my_arm.xml',...}"]
 
 Hydra's grammar gives `=`, brackets, commas, spaces and `~` a meaning; a path may hold them all. The
@@ -140,7 +140,7 @@ def _robot(value: str) -> list[str]:
 
 
 def _value(value: Any) -> str:
-    """Return what YAML read as a value of Hydra's grammar."""
+    """Write a value that YAML read in Hydra's grammar."""
     if isinstance(value, dict):
         return "{" + ",".join(f"{key}:{_value(each)}" for key, each in value.items()) + "}"
     if isinstance(value, list):
@@ -170,7 +170,7 @@ def _quoted(value: str) -> str:
 
 
 def find_shadowing_module(root: Path = CONF.parent) -> str | None:
-    """Return the file that Python finds in the place of one of our packages; None if none does."""
+    """Return the file that Python finds instead of one of our packages; None if there is none."""
     from importlib.util import find_spec
 
     for name in ("envs", "hardware", "sim2real"):

@@ -1,4 +1,4 @@
-"""What conf/ offers, read from its files alone: groups, their choices, and a line on each."""
+"""The catalogue of conf/, read from its files only: groups, their choices, and a line on each."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +14,7 @@ sim2real: find out why a policy that works in simulation fails on the robot, and
 transfers.
 
   python -m sim2real diagnose LOG.csv MODEL.xml     which physical effect the simulator lacks
+  python -m sim2real view REPORT.html               the report in a browser
   python -m sim2real +experiment=NAME               one job
   python -m sim2real +experiment=NAME seed=3        the same with another value
   python -m sim2real +experiment=NAME adapt=none    the same with another choice of a group
@@ -43,7 +44,7 @@ def files(group: str) -> dict[str, Path]:
 
 
 def summary(path: Path) -> str:
-    """Return what the first comment of a YAML file says, on one line."""
+    """Return the first comment of a YAML file, one line."""
     for line in path.read_text(encoding="utf-8").splitlines():
         text = line.removeprefix("#").strip()
         if line.startswith("#") and not text.startswith("@package"):
@@ -64,7 +65,7 @@ def lines() -> Iterator[str]:
 
 
 def keys(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield the top-level keys of a YAML file that have a value there, and the comments beside."""
+    """Yield the top-level keys of a YAML file that have a value there, with their comments."""
     for line in path.read_text(encoding="utf-8").splitlines():
         key, colon, rest = line.partition(":")
         if colon and key.isidentifier() and rest.partition("#")[0].strip():

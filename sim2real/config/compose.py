@@ -107,6 +107,7 @@ class Config:
     model: str | None
     joints: list[str]
     columns: str | None
+    to: Literal["mjcf", "mjlab"] | None
     viewer: Literal["rerun"] | None
     effects: str | None
     exclude: list[str]
@@ -148,7 +149,7 @@ def compose(overrides: list[str]) -> dict[str, Any]:
     try:
         return validate(hydra_compose(inherited(overrides)), overrides)
     except yaml.YAMLError as error:
-        raise ConfigError(f"this is no YAML: {' '.join(str(error).split())}") from error
+        raise ConfigError(f"invalid YAML: {' '.join(str(error).split())}") from error
     except (HydraException, OmegaConfBaseException) as error:
         raise explain(error, overrides) from error
 
@@ -319,14 +320,14 @@ def explain(error: Exception, overrides: list[str]) -> ConfigError:
 
 
 def _unknown(key: str, overrides: list[str]) -> str:
-    """Say that there is no such key, what there is beside it, and which is nearest."""
+    """Name an unknown key, the keys that its parent has, and the nearest one."""
     parent, _, name = key.lstrip("+~").rpartition(".")
     known = sorted(
         _siblings(parent, [o for o in overrides if not o.lstrip("+~").startswith(key.lstrip("+~"))])
     )
-    beside = f"; {parent or 'the configuration'} has: {', '.join(known)}" if known else ""
+    known_keys = f"; {parent or 'the configuration'} has: {', '.join(known)}" if known else ""
     hint = renamed_key_hint(key.lstrip("+~")) or did_you_mean(name, known)
-    return f"{key}: there is no such key{hint}{beside}"
+    return f"{key}: there is no such key{hint}{known_keys}"
 
 
 def _siblings(parent: str, overrides: list[str]) -> Iterable[str]:

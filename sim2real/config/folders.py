@@ -12,8 +12,8 @@ from envs.errors import did_you_mean
 from sim2real.config.arguments import PATHS
 from sim2real.config.targets import ConfigError
 
-# convert writes the first of these, and the second may be the name of a ready-made description
-READ = tuple(key for key in PATHS if key not in ("columns", "observation"))
+# convert writes the first of these; the others may be names, of a description and of a robot
+READ = tuple(key for key in PATHS if key not in ("columns", "observation", "leader"))
 NAMES = ("candidates",)  # of these a list holds names, and no paths
 NEEDED = {  # by verb, what it cannot do without
     "diagnose": "log",
@@ -58,8 +58,8 @@ def check_paths_exist(tree: dict[str, Any], used: Collection[str]) -> None:
         used: the root keys that its verb uses.
 
     Raises:
-        ConfigError: a log, a model, a checkpoint or another file that is not there, with the
-            nearest name beside it, or was not given to a verb that needs it.
+        ConfigError: a log, a model, a checkpoint or another file that does not exist, with the
+            nearest name in its folder, or was not given to a verb that needs it.
     """
     verb = tree["run"]["_target_"].split(".")[-2]
     needed = NEEDED.get(verb)

@@ -1,4 +1,4 @@
-"""What Hydra makes of overrides: the tree of conf/ and of a user's own folder, unchecked.
+"""Compose overrides by Hydra: the tree of conf/ and of a user's own folder, unchecked.
 
 composed(["+experiment=smoke", "seed=3"]).seed
 """

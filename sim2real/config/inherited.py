@@ -1,4 +1,4 @@
-"""What a command line inherits from the run that it names: `checkpoint=`, `start=` or `resume=`.
+"""Inherit settings from the run that a command line names: `checkpoint=`, `start=`, `resume=`.
 
 inherited(["run=evaluate", "checkpoint=outputs/train/udr/RUN"])     # and the run's own choices
 """
@@ -64,7 +64,7 @@ def with_run(overrides: list[str]) -> list[str]:
 
 
 def _value(folder: Path, own: list[str], key: str) -> Any:
-    """Return what a run has at a key that says what it is; None where any value may be given."""
+    """Return a run's value of a key that identifies it; None for a key that may differ."""
     root, *names = key.split(".")
     if root not in FIXED or (names and names[-1] in MACHINES):
         return None

@@ -1,4 +1,4 @@
-"""Renamed keys and verbs that ended: whoever types the old name is given the new one."""
+"""Renamed keys and removed verbs: an error message names the new one."""
 
 from collections.abc import Sequence
 
@@ -62,7 +62,7 @@ ENDED = {  # verbs, and experiments of their name
 
 
 def ended(arguments: Sequence[str]) -> str | None:
-    """Return what to type instead of a verb that ended, in one sentence; None: there is none."""
+    """Return a sentence with the replacement of a removed verb; None if none was typed."""
     words = [word.removeprefix("run=").removeprefix("+experiment=") for word in arguments]
     bare = next((word for word in arguments if not word.startswith("-")), None)
     for word, typed in zip(words, arguments, strict=True):

@@ -1,4 +1,4 @@
-"""What a class or function of this project takes, read from its source: nothing is imported.
+"""Signatures of this project's classes and functions, read from source without importing.
 
     find("envs.Randomization").arguments["per"].describe()     # "one of reset, row"
 
@@ -30,7 +30,7 @@ _WORDS = {
 }
 _LISTS = ("Sequence", "Iterable", "Collection", "list", "tuple")
 _MAPS = ("Mapping", "MutableMapping", "dict")
-_MAKERS = ("Callable", "partial", "type")  # what makes an object, with arguments of its own
+_MAKERS = ("Callable", "partial", "type")  # types that make an object from further arguments
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Argument:
         return kinds - {"None"} == {"maker"}
 
     def inner(self) -> Argument:
-        """Return what each item is of a list or a mapping that is given for the argument."""
+        """Return the type of the items of a list or a mapping that is given for the argument."""
         ways = _alternatives(self.hint, self.module)
         items = [(hint, module) for kind, hint, module in ways if kind in ("list", "map")]
         hint, module = items[0] if items else (None, self.module)

@@ -84,7 +84,7 @@ def build(tree: Any, where: str) -> Any:
 
 
 def build_named(tree: dict[str, Any] | None, where: str) -> dict[str, Callable[..., Any]]:
-    """Check a mapping of names to trees and return, by name, what makes each of them anew.
+    """Check a mapping of names to trees and return, by name, what makes new ones of them.
 
     Raises:
         ConfigError: see `check_named`.
@@ -227,7 +227,7 @@ def _marked_foreign(make: Callable[..., Any], tree: dict[str, Any]) -> dict[str,
 
 
 class DeferredObject(functools.partial):
-    """What a configuration describes, to be made with further arguments; it says where it stands.
+    """A configured object whose remaining arguments are supplied later; errors name its location.
 
     Raises, when called:
         ConfigError: a value that a constructor of a library refuses, with its place.

@@ -112,10 +112,11 @@ def actor_of(trained: TrainedPolicy, path: str | Path) -> LoadedPolicy:
             f"{path}: the policy is not a function of one observation of a servo robot (it has a "
             "memory, sees images, or is of another task), so it cannot be computed again from a log"
         )
-    if trained.told is not None:
+    if trained.context is not None:
         raise ActorError(
-            f"{path}: the policy is told its robot's parameters ({', '.join(trained.told.names)}), "
-            "which no log holds, so its actions cannot be computed again from a log"
+            f"{path}: the policy receives its robot's parameters "
+            f"({', '.join(trained.context.names)}), which logs do not hold, so its actions cannot "
+            "be computed again from a log"
         )
     module = trained.program(trained.theta).eval()
     low, high = task.action_range(task.spec().compile())
@@ -202,7 +203,7 @@ def _onnx(path: Path) -> LoadedPolicy:
 
 
 def _array(value: Any) -> np.ndarray:
-    """Return what a program returned as an array; raises ActorError if it is no tensor."""
+    """Return a program's result as an array; raises ActorError unless it is a tensor."""
     if isinstance(value, tuple | list) and value:
         value = value[0]
     as_numpy = getattr(value, "numpy", None)

@@ -47,8 +47,8 @@ def servo_task(environment: EnvironmentFactory) -> ServoTask:
     task = task_of(environment)
     if not isinstance(task, ServoTask):
         raise Sim2RealError(
-            f"{type(task).__name__} is no task of a servo robot; give a checkpoint of one, such as "
-            "those of env=bench1, env=hopper2 or env=quad8"
+            f"{type(task).__name__} is not a task of a servo robot; give a checkpoint of one, such "
+            "as those of env=bench1, env=hopper2 or env=quad8"
         )
     return task
 
@@ -166,7 +166,7 @@ def run_deployment(
 
 
 def policy_metadata(trained: TrainedPolicy) -> dict[str, Any]:
-    """Return what the metadata of a log say of the policy that made it, as it was trained."""
+    """Return a log's metadata that name the policy which made it."""
     return {} if trained.source is None else {"policy": str(trained.source.resolve())}
 
 
@@ -195,7 +195,7 @@ def identified_parameters_table(session: IdentifySession) -> Table:
 def simulate_returns(
     trained: TrainedPolicy, task: ServoTask, theta: np.ndarray, seeds: np.ndarray
 ) -> list[float]:
-    """Return what a policy earns in its own simulator from the same starts."""
+    """Return a policy's returns in its own simulator from the same starts."""
     env = trained.over(partial(MujocoEnv, task))
     try:
         actor = trained.acting(env, theta)

@@ -1,4 +1,4 @@
-"""What a policy would have commanded, from the log of an episode with torque off.
+"""A policy's commands in an episode with torque off, from its log.
 
 tell_commands(rows.log.last, out)           # out/dry_run.md and .csv, and the same as log lines
 """

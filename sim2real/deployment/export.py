@@ -47,7 +47,7 @@ def export(trained: TrainedPolicy, task: ServoTask, out: Path, rng: np.random.Ge
     """Write a policy's files into a folder, compared before; see the module's text.
 
     Raises:
-        ExportError: a network that is no perceptron, or programs that do not agree.
+        ExportError: a network that is not a perceptron, or programs that do not agree.
     """
     if trained.program is None:
         raise ExportError(
@@ -97,8 +97,8 @@ def to_arrays(module: nn.Module, task: ServoTask) -> tuple[Arrays, dict[str, Any
     if not linear or not alternating or not (between <= {nn.Tanh} or between <= {nn.ReLU}):
         found = ", ".join(type(layer).__name__ for layer in layers) or type(module).__name__
         raise ExportError(
-            f"the policy's network ({found}) is no perceptron with one nonlinearity; export knows "
-            "policy=linear, mlp, mlp2 and actor_critic"
+            f"the policy's network ({found}) is not a perceptron with one nonlinearity; export "
+            "knows policy=linear, mlp, mlp2 and actor_critic"
         )
     buffers = {name: value.numpy() for name, value in module.named_buffers()}
     low, high = task.action_range(task.spec().compile())
@@ -144,9 +144,9 @@ def check_parity(got: np.ndarray, wanted: np.ndarray, name: str) -> None:
 
 
 def describe(trained: TrainedPolicy, task: ServoTask, arrays: Arrays) -> dict[str, Any]:
-    """Return what somebody must know who runs the policy elsewhere."""
+    """Describe a policy for programs that run it elsewhere."""
     model = task.spec().compile()
-    machine, told = task.machine, trained.told
+    machine, context = task.machine, trained.context
     return {
         "schema": SCHEMA,
         "task": type(task).__name__,
@@ -157,12 +157,12 @@ def describe(trained: TrainedPolicy, task: ServoTask, arrays: Arrays) -> dict[st
         "joints": [model.actuator(i).name for i in range(model.nu)],
         "goals": {"low": machine.low.tolist(), "high": machine.high.tolist(), "unit": "rad"},
         "observation": {
-            "names": [*observation_names(task), *([] if told is None else told.names)],
+            "names": [*observation_names(task), *([] if context is None else context.names)],
             "mean": arrays["mean"].tolist(),
             "std": arrays["std"].tolist(),
         },
         "policy_interface": learned_for(trained),
-        "parameters": [] if told is None else parameters(told),
+        "parameters": [] if context is None else parameters(context),
         "action": {"low": arrays["low"].tolist(), "high": arrays["high"].tolist()},
         "checkpoint": None if trained.source is None else trained.source.name,
         "frames": trained.frames,
@@ -177,13 +177,13 @@ def learned_for(trained: TrainedPolicy) -> dict[str, Any] | None:
     return read_interface(trained.source)
 
 
-def parameters(told: ContextSpec) -> list[dict[str, Any]]:
-    """Say which parameters of the robot stand behind an observation, in their order.
+def parameters(context: ContextSpec) -> list[dict[str, Any]]:
+    """Describe the robot's parameters that follow an observation, in their order.
 
-    Somebody must find them (`run=identify`) and put them there, each in its unit and within the
+    They must be identified (`run=identify`) and put there, each in its unit and within the
     range that the policy was trained in.
     """
     return [
         {"name": p.name, "unit": p.unit, "how": p.how, "low": float(low), "high": float(high)}
-        for p, low, high in zip(told.parameters, told.low, told.high, strict=True)
+        for p, low, high in zip(context.parameters, context.low, context.high, strict=True)
     ]

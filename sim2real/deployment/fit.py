@@ -36,7 +36,7 @@ def check_interface(trained: TrainedPolicy, robot: Robot) -> None:
     """Compare the interface that a policy was trained for with a robot, and say what differs.
 
     Raises:
-        Sim2RealError: a difference that cannot be meant, both sides beside each other; or a policy
+        Sim2RealError: a difference that cannot be meant, with both sides' values; or a policy
             without an interface, with the command that adds it.
     """
     now = interface(trained.environment)

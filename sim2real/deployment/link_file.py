@@ -20,6 +20,6 @@ def write_link(folder: Path, link: LinkStatistics | None) -> None:
 
 
 def read_link(folder: Path) -> dict[str, Any] | None:
-    """Return what a deployment's file says; None where there is none."""
+    """Return the content of a deployment's file; None if there is no file."""
     path = folder / LINK
     return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None

@@ -41,7 +41,7 @@ def check_program(path: Path) -> None:
         with zipfile.ZipFile(path) as archive:
             contents = {name: archive.read(name) for name in archive.namelist()}
     except (OSError, zipfile.BadZipFile) as error:
-        raise ActorError(f"{path}: this is no torch.export archive ({error})") from None
+        raise ActorError(f"{path}: this is not a torch.export archive ({error})") from None
     for name, content in contents.items():
         if any(word in name for word in COMPILED):
             raise ActorError(f"{path}: {name} in it is code; export the policy without it")

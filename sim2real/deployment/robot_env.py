@@ -76,12 +76,12 @@ def play(
             if explores:
                 steps.append(step)
             if step.get(("next", "done")).any():
-                return total, told_of(steps, paid) if explores else None
+                return total, to_trajectory(steps, paid) if explores else None
             now = step_mdp(step)
 
 
-def told_of(steps: Sequence[TensorDictBase], paid: Sequence[float]) -> EpisodeTrajectory:
-    """Return an episode of one row as an adaptation is told it."""
+def to_trajectory(steps: Sequence[TensorDictBase], paid: Sequence[float]) -> EpisodeTrajectory:
+    """Return an episode of one row as the trajectory that an adaptation receives."""
 
     def numbers(step: TensorDictBase, name: str) -> np.ndarray:
         return step.get(name)[0].numpy().astype(np.float32)

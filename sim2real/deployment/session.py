@@ -73,7 +73,7 @@ class Deployment:
 
     @property
     def done(self) -> int:
-        """Episodes that were told."""
+        """Number of reported episodes."""
         return len(self.before) + len(self.adapting) + len(self.after)
 
     def next(self) -> EpisodePlan | None:
@@ -89,7 +89,7 @@ class Deployment:
         return None
 
     def explores(self, turn: EpisodePlan) -> bool:
-        """Return whether an episode's actions are to be drawn, and its steps told."""
+        """Return whether an episode's actions are to be drawn, and its steps reported."""
         return turn.phase == "adapt" and self.adapt.explores
 
     def tell(
@@ -103,7 +103,7 @@ class Deployment:
             log: what was commanded and measured, for an adaptation that `needs_log`.
 
         Raises:
-            Sim2RealError: all have been told, or a value that is not finite.
+            Sim2RealError: all have been reported, or a value that is not finite.
         """
         turn = self.next()
         if turn is None or not np.isfinite(value):
@@ -120,8 +120,8 @@ class Deployment:
     def state_dict(self) -> dict[str, np.ndarray]:
         """Return all that the rest of the deployment depends on, as arrays."""
         session = {f"session.{k}": v.numpy() for k, v in self.session.state_dict().items()}
-        told = {name: np.array(getattr(self, name)) for name in ("before", "adapting", "after")}
-        return {**session, **told, "fresh": self.fresh, "luck": self._luck}
+        returns = {name: np.array(getattr(self, name)) for name in ("before", "adapting", "after")}
+        return {**session, **returns, "fresh": self.fresh, "luck": self._luck}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from where `state_dict` was taken.
@@ -178,6 +178,6 @@ def load(path: str | Path, deployment: Deployment) -> None:
         if isinstance(error, Sim2RealError):
             raise
         raise Sim2RealError(
-            f"resume={path}: this is no whole state of a deployment ({error}); give the folder of "
+            f"resume={path}: this is incomplete or damaged ({error}); give the folder of "
             "one that was interrupted"
         ) from error

@@ -115,7 +115,7 @@ def task_of(environment: EnvironmentFactory) -> Task:
     """
     if environment.task is None:
         raise Sim2RealError(
-            f"{environment.name} is no robot's world; choose a task of a servo robot, such as "
-            "env=quad8"
+            f"{environment.name} does not simulate a robot; choose a task of a servo robot, such "
+            "as env=quad8"
         )
     return environment.task

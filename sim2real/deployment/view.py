@@ -46,7 +46,7 @@ class Screen(Protocol):
     every: float
 
     def show(self, world: EmulatedRobot) -> None:
-        """Show the robot as it is now; raises Closed if nobody looks any more."""
+        """Show the robot as it is now; raises Closed once the window is closed."""
         ...
 
 
@@ -110,7 +110,7 @@ class Window:
 
 
 class Picture(Protocol):
-    """How a film looks: `Video` is one."""
+    """The settings of a film; `Video` is one."""
 
     @property
     def width(self) -> int:
@@ -152,7 +152,7 @@ def watch(
     drive: Callable[[ServoBackend], None],
     stops: dict[str, float] | None,
 ) -> None:
-    """Drive the emulated robot and show it, until it is over or nobody looks any more."""
+    """Drive the emulated robot and show it, until it is over or the window is closed."""
     clock = RenderingClock(world, screen, seconds)
     backend = ServoBackend(world.robot, SETTLE, world, limits=make_stop_limits(stops), clock=clock)
     try:
@@ -187,7 +187,7 @@ def write_film(
 def motion_driver(
     robot: Robot, motions: list[Kind], seconds: float, seed: int
 ) -> Callable[[ServoBackend], None]:
-    """Return what drives a robot along motions, again and again."""
+    """Return a driver that repeats motions."""
     rng, kinds = np.random.default_rng(seed), allowed_motions(robot, motions)
 
     def drive(backend: ServoBackend) -> None:
@@ -203,7 +203,7 @@ def motion_driver(
 def policy_driver(
     task: ServoTask, trained: TrainedPolicy, seed: int
 ) -> Callable[[ServoBackend], None]:
-    """Return what drives a robot by a policy, episode after episode."""
+    """Return a driver that runs a policy, episode after episode."""
     rng = np.random.default_rng(seed)
 
     def drive(backend: ServoBackend) -> None:

@@ -1,6 +1,6 @@
 """What is added to a verdict: tests, pictures, other channels, the closed loop, what to record.
 
-    told = added(told, "the closed loop", lambda told: played(told, logs, ...))
+    found = added(found, "the closed loop", lambda found: played(found, logs, ...))
 
 A step that fails is a line in the report.
 """
@@ -50,14 +50,14 @@ def tested(
 ) -> Diagnosis:
     """Say which causes are the simulator's numerics; these are left out of the files."""
     words, physical = dict(found.report.numerics), []
-    for number, (cause, told) in enumerate(zip(found.found, found.report.effects, strict=True)):
+    for number, (cause, effect) in enumerate(zip(found.found, found.report.effects, strict=True)):
         artefact = is_numerics(
             prepared.logs, prepared.specs, [cause], null, found.known, settings.numerics
         )
         if artefact is None:
             physical.append(number)
         else:
-            words[f"{told.effect} at {told.where or 'the robot'}"] = artefact
+            words[f"{effect.effect} at {effect.where or 'the robot'}"] = artefact
     return found._replace(
         report=replace(found.report, numerics=words),
         found=tuple(found.found[i] for i in physical),

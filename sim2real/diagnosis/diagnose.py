@@ -162,12 +162,12 @@ def run_diagnosis(
         failed=(*interface.failed, *made.report.failed),
         evidence=_evidence(made, data, inputs),
     )
-    told = _told(report, found, fixed)
+    outcome = _outcome(report, found, fixed)
     kept = {"logs": prepared.logs, "specs": prepared.specs, "driven": prepared.driven}
     whole = partial(replayed, **kept, settings=settings.hunting)
-    told = added(told, "the replay of whole recordings", whole)
+    outcome = added(outcome, "the replay of whole recordings", whole)
     if on_verdict is not None:
-        on_verdict(told)
+        on_verdict(outcome)
     steps: dict[str, Step] = {
         "the causes' test for numerics": lambda d: tested(d, prepared, null, settings),
         "the pictures of recordings": lambda d: pictured(d, made, data, floors),
@@ -176,9 +176,9 @@ def run_diagnosis(
         "the next experiment": lambda d: planned(d, data, seed),
     }
     for name, step in steps.items():
-        told = added(told, name, step)
+        outcome = added(outcome, name, step)
     on_progress("done", 1.0)
-    return told._replace(report=replace(told.report, seconds=time.monotonic() - start))
+    return outcome._replace(report=replace(outcome.report, seconds=time.monotonic() - start))
 
 
 def _evidence(made: Conclusion, data: Data, inputs: dict[str, Any]) -> Evidence:
@@ -194,7 +194,7 @@ def _evidence(made: Conclusion, data: Data, inputs: dict[str, Any]) -> Evidence:
     )
 
 
-def _told(report: Report, found: Causes, fixed: Sequence[Fixed]) -> Diagnosis:
+def _outcome(report: Report, found: Causes, fixed: Sequence[Fixed]) -> Diagnosis:
     """Return a report with what programs need of the fit behind it."""
     made, data, floors = found.made, found.data, found.baseline.floors
     return Diagnosis(

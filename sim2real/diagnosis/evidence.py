@@ -146,7 +146,7 @@ class Evidence:
         inputs: names of logs and models, seed, versions, how the data was divided.
         settings: every number that steered the answer.
         signals: commands, currents and voltages of every episode.
-        channels: every channel beside the positions.
+        channels: every channel other than the positions.
         correlations: the correlations of the causes' first values over resampled blocks, (n, n).
     """
 

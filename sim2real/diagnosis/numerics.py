@@ -74,7 +74,7 @@ def null_test(
         changed = [better(spec, (name,), settings) for spec in specs]
         gaps[name], paths = _replayed(pieces, changed, fixed, settings)
         moved[name] = _distance(pieces, specs, nominal, paths, settings)
-        words[name] = _words(_told(name, settings), gap, gaps[name], moved[name], settings)
+        words[name] = _words(_describe(name, settings), gap, gaps[name], moved[name], settings)
         if name == "armature" and (words["timestep"] == "ok" or gaps[name] > gap):
             words[name] = "ok"  # inertia is physics, unless the step is too long without it
     return NullTest(gap, gaps, moved, words)
@@ -123,7 +123,7 @@ def is_numerics(
     gain, left = given[0] - given[1], mended[0] - mended[1]
     if gain <= 0 or left >= settings.gain_left * gain or mended[0] > given[0]:
         return None
-    changes = " and ".join(_told(name, settings) for name in test.needed)
+    changes = " and ".join(_describe(name, settings) for name in test.needed)
     return (
         f"It closes {gain / given[0]:.0%} of the gap in the model as given, and "
         f"{max(left, 0.0) / mended[0]:.0%} with {changes}: this is the simulator's numerics, "
@@ -131,7 +131,7 @@ def is_numerics(
     )
 
 
-def _told(name: str, settings: Limits) -> str:
+def _describe(name: str, settings: Limits) -> str:
     return VARIANTS[name][1].format(armature=settings.armature)
 
 
@@ -144,7 +144,7 @@ def _words(what: str, gap: float, changed: float, moved: float, settings: Limits
     if abs(changed - gap) < least:
         return (
             f"with {what} the replay moves by {moved:.3g} of the motion and the gap stays at "
-            f"{gap:.3g}: what moves the replay less than that cannot be told from numerics"
+            f"{gap:.3g}: what moves the replay less than that is indistinguishable from numerics"
         )
     less = "smaller" if changed < gap else "larger"
     return (

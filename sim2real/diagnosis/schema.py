@@ -330,7 +330,7 @@ class Report:
         return _page().write_html(path, self)
 
     def save_comparison(self, path: str | Path, earlier: Report) -> Path:
-        """Write a page that sets this diagnosis beside an earlier one; return its path."""
+        """Write a page that compares this diagnosis with an earlier one; return its path."""
         module = import_module(f"{__package__}.report.comparison")
         return module.write_comparison(path, earlier, self)
 

@@ -56,8 +56,8 @@ def replayed(
     alone = bool(last) and hunts_alone(report.preflight, driven, last, settings)
     verdict = LESS.get(report.verdict, report.verdict) if alone else report.verdict
     run = [(name, gaps) for name, gaps in models if gaps]
-    told = tuple(tell_simulated(report.preflight, driven, run, settings))
-    return found._replace(report=replace(report, replay=replay, preflight=told, verdict=verdict))
+    checked = tuple(tell_simulated(report.preflight, driven, run, settings))
+    return found._replace(report=replace(report, replay=replay, preflight=checked, verdict=verdict))
 
 
 def _gaps(

@@ -1,1 +1,1 @@
-"""What a trained policy is worth: grids of robots, named robots, studies of many runs, films."""
+"""Evaluate trained policies: grids of robots, named robots, studies of many runs, films."""

@@ -1,4 +1,4 @@
-"""What each cause of a gap costs a policy.
+"""The cost of each cause of a gap to a policy.
 
     causes = read_causes("effects.yaml")
     worth = price(trained, causes, episodes=64, seed=0)
@@ -64,12 +64,12 @@ class Cause:
 
     @property
     def structural(self) -> bool:
-        """Whether it adds to the robot's structure, so that it takes a batch of its own."""
+        """Whether it adds to the robot's structure, so that it needs a separate batch."""
         return self.effect.batch() not in (PLAIN, RULES)
 
 
 class CauseTasks:
-    """Which causes the episodes of a batch may have: the tasks of an environment.
+    """The causes that the episodes of a batch may have: the tasks of an environment.
 
     Values come with each episode; a row whose episode is over goes on with a robot without causes.
     """
@@ -90,7 +90,7 @@ class CauseTasks:
 
 
 class Outcome(NamedTuple):
-    """What E episodes came to."""
+    """Returns, falls and lengths of E episodes."""
 
     returns: np.ndarray  # (E,)
     falls: np.ndarray  # (E,) 1 where an episode ended before its time
@@ -102,7 +102,7 @@ class Outcome(NamedTuple):
 
 
 class EffectCost(NamedTuple):
-    """What an effect at a value costs on top of all causes."""
+    """The cost of an effect at a value, in addition to all causes."""
 
     effect: str
     where: str | None
@@ -113,7 +113,7 @@ class EffectCost(NamedTuple):
 
 @dataclass(frozen=True)
 class CauseCosts:
-    """What each cause costs."""
+    """The costs of all causes."""
 
     causes: tuple[Cause, ...]  # n of them
     plain: dict[str, Interval]  # what the policy gets without any cause, by measure
@@ -207,7 +207,7 @@ class CoalitionRollouts:
                     report(len(found), len(robots))
         return found
 
-    def beside(self, one: Cause) -> Outcome:
+    def with_added(self, one: Cause) -> Outcome:
         """Play a robot that has all causes and another one; at its place it stands for a cause."""
         kept = [i for i, cause in enumerate(self.causes) if cause.label != one.label]
         other = copy(self)
@@ -330,15 +330,15 @@ def compute_cause_costs(
         last[name] = [interval(values[everything] - values[everything - {i}]) for i in range(count)]
     open_ = []
     for number, one in enumerate(excluded, 1):
-        more = _more(game.beside(one), outcomes[everything])
+        more = _more(game.with_added(one), outcomes[everything])
         cost = {name: interval(values) for name, values in more.items()}
         effect = one.effect
         open_.append(EffectCost(effect.name, effect.where, one.values[0], effect.unit, cost))
         if report is not None:
             report(len(robots) + number, len(robots) + len(excluded))
     open_.sort(key=lambda one: -one.cost["return"].value)
-    told = (costs, alone, last, tuple(open_), not drawn, episodes)
-    return CauseCosts(tuple(causes), got(nothing), got(everything), *told)
+    rest = (costs, alone, last, tuple(open_), not drawn, episodes)
+    return CauseCosts(tuple(causes), got(nothing), got(everything), *rest)
 
 
 def _interval(values: np.ndarray, rng: np.random.Generator, resamples: int) -> Interval:
@@ -349,7 +349,7 @@ def _interval(values: np.ndarray, rng: np.random.Generator, resamples: int) -> I
 
 
 def _more(one: Outcome, other: Outcome) -> dict[str, np.ndarray]:
-    """Return what each episode of the first one costs more than of the other one, by measure."""
+    """Return the first outcome's excess cost over the other's in each episode, by measure."""
     return {name: SIGNS[name] * (one.measure(name) - other.measure(name)) for name in MEASURES}
 
 

@@ -39,7 +39,7 @@ from sim2real.runs.errors import Sim2RealError
 
 log = logging.getLogger(__name__)
 ROUNDS = 16  # episodes of a chunk per row: long enough that rows which idle at its end cost little
-ROWS = 256  # episodes side by side of a policy whose algorithm has no population of its own
+ROWS = 256  # episodes side by side of a policy whose algorithm has no population
 LARGE = 0.95  # share of the cells that gain less than the one whose large gain is filmed
 EVALUATION, INTERVALS = 1, 2  # streams of randomness that follow from one seed
 Report = Callable[[int, int], None]
@@ -72,7 +72,7 @@ class Evaluator(Protocol):
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What an evaluation runs.
+    """The cells of an evaluation.
 
     Args:
         grid: the robots.
@@ -199,20 +199,20 @@ def run_cells(
 
 
 def check_context_adaptation(algorithm: Algorithm) -> None:
-    """Refuse to adapt what is told the truth anyway by something else than finding it.
+    """Refuse to adapt a policy that receives the true parameters, except by identification.
 
     Raises:
         Sim2RealError: a policy that knows its robot's parameters, and another adaptation.
     """
     environment, adapt = algorithm.parts.environment, algorithm.parts.adapt
     if environment.context_is_true and adapt.episodes and not isinstance(adapt, Identify):
-        told = environment.context_spec
-        assert told is not None
+        context = environment.context_spec
+        assert context is not None
         raise Sim2RealError(
-            f"on simulated robots this policy is told {', '.join(told.names)} as they are, and "
-            f"{adapt} would adapt what no robot gives it; use adapt=none (told the truth), "
-            "adapt=identify (told what its logs say), or transforms.with_params.truth=false (told "
-            "the middle) with any"
+            f"{adapt} cannot be evaluated: in simulation this policy already receives the true "
+            f"values of {', '.join(context.names)}. Use adapt=none (true values), adapt=identify "
+            "(estimates), or transforms.with_params.truth=false (centre of the range) with any "
+            "adapt"
         )
 
 

@@ -3,7 +3,7 @@
 grid = Grid([{"parameter": "link_mass.torso", "low": 0.5, "high": 11.5, "count": 12},
              {"parameter": "ground_friction", "low": 0.1, "high": 2.9, "count": 15}])
 grid.values(space)                      # (180, P): the last axis varies fastest
-grid.inside(training_range(tasks, space))    # (180,) bool, see `learning.told`
+grid.inside(training_range(tasks, space))    # (180,) bool, see `learning.context`
 
 Parameters without an axis are neutral.
 """

@@ -20,7 +20,7 @@ from sim2real.runs.statistics import bootstrap, mean
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# black dashes on white: told from every colour of the map, whatever the reader's eyes
+# black dashes on white: distinct from every colour of the map, also for colour-blind readers
 FRAME = (("white", 3.2, "-"), ("black", 1.6, (0, (3, 2))))
 
 
@@ -64,7 +64,7 @@ def heatmaps(
         maps: mean return of each cell, (C,), by title.
         path: where the picture goes.
         box: range to frame, by parameter; one of no width is marked as a line or a point.
-        gain: differences of each cell, (C,), on a scale of their own around 0.
+        gain: differences of each cell, (C,), on a separate scale around 0.
         gain_title: what the differences are.
     """
     count = len(maps) + (gain is not None)

@@ -73,7 +73,7 @@ class Operand:
 
     @property
     def words(self) -> str:
-        """What the side is, for people."""
+        """The side in words."""
         return " ".join([self.experiment, *(f"{k}={v}" for k, v in self.when.items())])
 
     def values(self, study: Study, group: Group, budget: int) -> np.ndarray:
@@ -89,7 +89,7 @@ class Operand:
 
 @dataclass(frozen=True)
 class Claim:
-    """What is expected; see the module's text for the rules.
+    """An expectation; the module's docstring gives the rules.
 
     Raises:
         ClaimError: an unknown relation, or one without what it needs.

@@ -1,4 +1,4 @@
-"""What many training runs say together about transfer: tables, claims, pictures.
+"""The report of a transfer study over many training runs: tables, claims, pictures.
 
     python -m sim2real run=report runs=outputs/train
     python -m sim2real run=report runs=[outputs/train/udr,outputs/train/ppo_source]
@@ -81,7 +81,7 @@ def long_table(study: Study, baseline: str | None, seed: int) -> Table:
 
 
 def claims_table(study: Study, verdicts: Sequence[ClaimResult]) -> Table:
-    """Return what became of each claim, beside the figures of the study."""
+    """Return the verdict of each claim, with the figures of the study."""
     table = Table(("claim", "verdict", "found", "steps", "the study"))
     for claim, verdict, found, steps in verdicts:
         table.add(claim.text, verdict, found, steps or None, _studied(study, claim))
@@ -89,7 +89,7 @@ def claims_table(study: Study, verdicts: Sequence[ClaimResult]) -> Table:
 
 
 def _studied(study: Study, claim: Claim) -> str | None:
-    """Return what the study found for both sides of a claim, where it gave figures."""
+    """Return the study's figures for both sides of a claim, where there are any."""
     words = []
     for side in (side for side in (claim.left, claim.right) if side is not None):
         groups = study.find(side.experiment, side.when)
@@ -120,7 +120,7 @@ def iqm_with_interval(values: np.ndarray, seed: int) -> Interval | float:
     """Return the interquartile mean of runs (n,), with an interval from two runs up."""
     if len(values) < 2:
         return float(iqm(values[:, None]))
-    rng = np.random.default_rng(seed)  # anew, so that a number has one interval in all tables
+    rng = np.random.default_rng(seed)  # reseeded, so that a number has one interval in all tables
     return bootstrap(values[:, None], iqm, rng, draws=DRAWS, resample="rows")
 
 
@@ -180,7 +180,7 @@ def _figure_words(group: Group, robot: str) -> str | None:
 
 
 def robot_pairs(study: Study) -> list[tuple[str | None, str]]:
-    """Return what a study compares: the robot of the training, and the robot of the evaluation."""
+    """Return the pairs of robots that a study compares: of training and of evaluation."""
     trained = dict.fromkeys(group.trained_on for group in study.groups)
     order = [robot for robot in study.robots if robot in trained]
     return [(one, other) for one in [*order, *(t for t in trained if t not in order)]

@@ -1,4 +1,4 @@
-"""What policies returned in the cells of a grid, before and after adaptation.
+"""Returns of policies in the cells of a grid, before and after adaptation.
 
     scores = GridScores.read("outputs/evaluate/default/2026-11-21_10-00-00")
     scores.summary(threshold=2000, draws=2000, rng=rng).write("table")
@@ -141,7 +141,7 @@ class GridScores:
         return {"before adaptation": self.before[:, mask], after: self.after[:, mask]}
 
     def note(self) -> str:
-        """Return what was run and what the intervals are over, in words."""
+        """Describe the runs and what the intervals are over."""
         count = self.repeats if self.repeats > 1 else self.adaptations
         kind = "one" if self.repeats == 1 else "few" if self.repeats < FEW else "runs"
         kind = "none" if count == 1 else kind

@@ -21,7 +21,7 @@ Order = tuple[int, ...]
 
 
 def coalitions(players: int) -> list[Set]:
-    """Return all subsets of so many players, the smallest first."""
+    """Return all subsets of n players, the smallest first."""
     every = range(players)
     return [frozenset(some) for size in range(players + 1) for some in combinations(every, size)]
 
@@ -63,7 +63,7 @@ def shapley(values: Mapping[Set, np.ndarray], players: int) -> np.ndarray:
 
 
 def marginal_contributions(values: Mapping[Set, np.ndarray], orders: Sequence[Order]) -> np.ndarray:
-    """Return what each player adds when it joins, (orders, players, ...).
+    """Return each player's marginal contribution, (orders, players, ...).
 
     Args:
         values: of each prefix of the orders, arrays of one shape.

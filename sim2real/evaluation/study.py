@@ -42,7 +42,8 @@ class Run:
 
     folder: Path  # the folder of its files
     experiment: str  # its name, or "default"
-    settings: dict[str, Any]  # what decided its result beside the seed, as {"params.width": 0.075}
+    # what decided its result other than the seed, as {"params.width": 0.075}
+    settings: dict[str, Any]
     expect: dict[str, Any]  # what the experiment expected; see `sim2real.evaluation.hypotheses`
     scores: TransferScores  # what it got on each robot
 
@@ -66,7 +67,7 @@ class Group:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """What decided the results, the same for all runs."""
+        """The settings that decided the results, equal in all runs."""
         return next(run.settings for found in self.runs.values() for run in found.values())
 
     @property
@@ -218,7 +219,7 @@ def _brief(key: str, value: Any) -> str:
 
 
 def _fixed(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what must be equal in a table: the world, without what distinguishes the robots."""
+    """Return the settings that must be equal in a table: the environment without the robots."""
     return {key: settings.get(key) for key in ("env.task.masses", "env.task.max_steps", "effects")}
 
 

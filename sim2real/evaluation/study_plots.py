@@ -31,7 +31,7 @@ def draw(
 
     Args:
         study: the runs.
-        baseline: the experiment that stands beside each sweep.
+        baseline: the experiment that each sweep is compared with.
         out: the report's folder.
         draws: resamples of each interval.
         seed: the seed of the resamples.
@@ -106,11 +106,11 @@ def _bars(
         (_text(next(iter(group.swept.values()))), study.returns(group, robot, budget), BAR)
         for group in groups
     ]
-    beside = study.find(baseline) if baseline else []
+    reference = study.find(baseline) if baseline else []
     other = [g for g in study.groups if g.trained_on != groups[0].trained_on]
     above = [g for g in other if g.trained_on == robot]
-    for group in [*beside[:1], *above[:1]]:
-        where = 0 if group in beside else len(bars)
+    for group in [*reference[:1], *above[:1]]:
+        where = 0 if group in reference else len(bars)
         shared = budget if budget in group.runs else max(group.runs)
         label = group.label if shared == budget else f"{group.label}\n({shared / 1000:.0f}k steps)"
         bars.insert(where, (label, study.returns(group, robot, shared), EDGE))
@@ -130,7 +130,7 @@ def _bar(
 
 
 def _kinds(main: Sequence[Group], baseline: str | None) -> dict[str, list[Group]]:
-    """Return what is drawn together: runs of other robots, and of other settings of the training.
+    """Group the runs that are drawn together: by robot and by settings of the training.
 
     The baseline stands in both.
     """

@@ -33,7 +33,7 @@ from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
 
 EPISODES = 4  # stream of randomness that follows from the evaluation's seed
-EFFECTS = "effects"  # key of a robot that is no argument of its task
+EFFECTS = "effects"  # key of a robot that is not an argument of its task
 Report = Callable[[int, int], None]
 
 
@@ -43,7 +43,7 @@ class TransferError(Sim2RealError):
 
 @dataclass(frozen=True)
 class TransferScores:
-    """What one trained policy got on each robot."""
+    """One trained policy's returns on each robot."""
 
     name: str  # the name of the training run: its seed
     task: str  # name of the task's class
@@ -86,7 +86,7 @@ class TransferScores:
 
 @dataclass(frozen=True)
 class Transfer:
-    """What an evaluation runs.
+    """The robots and episodes of an evaluation.
 
     Args:
         robots: for each name, the arguments of the run's task that differ; `effects` names an
@@ -197,7 +197,7 @@ def read(path: str | Path) -> list[TransferScores]:
         return [TransferScores.of(one) for one in document["runs"]]
     except (OSError, KeyError, TypeError, ValueError, AttributeError) as error:
         raise TransferError(
-            f"{path} is no whole file of scores ({error}); evaluate again"
+            f"{path} is incomplete or damaged ({error}). Run `sim2real evaluate` again"
         ) from error
 
 

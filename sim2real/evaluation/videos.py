@@ -163,7 +163,9 @@ class Video:
         library()
         environment, trained = algorithm.parts.environment, algorithm.trained()
         if not environment.simulated:
-            raise RenderError(f"{environment.name} is no MuJoCo task, there is nothing to draw")
+            raise RenderError(
+                f"{environment.name} is not a MuJoCo task, so there is nothing to draw"
+            )
         env = trained.make_env(1, threads=1)
         rows: Any = env.base_env.rows
         rng = np.random.default_rng([seed, VIDEO_STREAM])

@@ -1,4 +1,4 @@
-"""Which effects logs do not exclude, at the ends of their intervals.
+"""Effects that the logs do not exclude, at the ends of their intervals.
 
     excluded_of(facts, causes)          # causes of report.json or compare.json to be priced
 
@@ -27,9 +27,9 @@ def interval_endpoints(facts: Mapping[str, Any], causes: Sequence[Cause]) -> lis
     """
     found = [end for cause in causes for end in _of_cause(cause)]
     taken = {cause.label for cause in causes}
-    for told in facts.get("watched", []):
-        low, high = told["interval"]
-        effect = _made(told)
+    for watched in facts.get("watched", []):
+        low, high = watched["interval"]
+        effect = _made(watched)
         if effect is None or _with(effect, 0.0).label in taken:
             continue
         neutral = 1.0 if effect.how == "scale" else 0.0
@@ -49,10 +49,10 @@ def _with(effect: Effect, value: float) -> Cause:
     return Cause(effect, (value,))
 
 
-def _made(told: Mapping[str, Any]) -> Effect | None:
+def _made(watched: Mapping[str, Any]) -> Effect | None:
     """Return the effect of a compared one; None where it cannot be made by its name and place."""
-    side = {} if told.get("side") is None else {"side": told["side"]}
+    side = {} if watched.get("side") is None else {"side": watched["side"]}
     try:
-        return make(told["effect"], where=told.get("body") or told.get("where"), **side)
+        return make(watched["effect"], where=watched.get("body") or watched.get("where"), **side)
     except (EnvsError, TypeError):
         return None

@@ -1,4 +1,4 @@
-"""What `worth` writes: worth.json, a table, and a picture of radians against return.
+"""The output of `worth`: worth.json, a table, and a picture of radians against return.
 
     write(worth, Path("outputs/worth"), closed)         # closed: share of the gap, by cause
 
@@ -62,7 +62,7 @@ def write(
 
 
 def table_of(worth: CauseCosts, closed: Mapping[int, float]) -> Table:
-    """Return a row for each cause, the dearest first."""
+    """Return a row for each cause, the costliest first."""
     table = Table(("cause", "value", *WORDS.values(), "return lost if alone", "gap closed"))
     costs = worth.costs["return"]
     for k in sorted(range(len(costs)), key=lambda k: -costs[k].value):
@@ -83,13 +83,13 @@ def table_of(worth: CauseCosts, closed: Mapping[int, float]) -> Table:
 
 
 def open_of(priced: Sequence[EffectCost]) -> Table:
-    """Return what effects at the ends of their intervals could cost, the dearest first."""
+    """Return the costs of effects at the ends of their intervals, the largest first."""
     table = Table(("effect", "value", *WORDS.values()))
     for one in priced:
         label = one.effect + (f" at {one.where}" if one.where else "")
         own = [one.cost[name] for name in MEASURES]
         table.add(label, f"{one.value:.4g} {one.unit}".strip(), *own)
-    table.notes.append("On top of all causes, one at a time. Measure the dearest first.")
+    table.notes.append("On top of all causes, one at a time. Measure the costliest first.")
     return table
 
 
@@ -142,12 +142,12 @@ def read_diagnosis(path: str | Path) -> dict[str, Any]:
 def shares_closed(facts: Mapping[str, Any], causes: Sequence[Cause]) -> dict[int, float]:
     """Return which share of the gap each cause closes, by its number; those that are named."""
     found = {}
-    for told in [*facts.get("causes", []), *facts.get("fitted", [])]:
-        body = (told.get("extra") or {}).get("body")
+    for fact in [*facts.get("causes", []), *facts.get("fitted", [])]:
+        body = (fact.get("extra") or {}).get("body")
         for k, cause in enumerate(causes):
             place = cause.effect.where
-            if told["effect"] == cause.effect.name and place in (told.get("where"), body):
-                found.setdefault(k, float(told["closed"]))
+            if fact["effect"] == cause.effect.name and place in (fact.get("where"), body):
+                found.setdefault(k, float(fact["closed"]))
     return found
 
 

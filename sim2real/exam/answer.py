@@ -1,4 +1,4 @@
-"""One diagnosis of an exam, in a process of its own: it is given a case's logs and nothing else.
+"""One diagnosis of an exam, in a separate process that receives a case's logs and nothing else.
 
     python -m sim2real.exam.answer outputs/exam/logs/case_007 outputs/exam/answers/case_007
 

@@ -50,7 +50,7 @@ ALIKE = (  # effects that no log of positions can separate: never hidden togethe
 
 @dataclass(frozen=True)
 class Case:
-    """What the key of a case says."""
+    """The key of a case."""
 
     name: str  # the name of its folders
     kind: str  # what was withheld
@@ -72,22 +72,22 @@ class Case:
 
 
 def write_task(folder: Path, exclude: Sequence[str], effects: str | None = None) -> None:
-    """Write what a diagnosis is given beside its logs; `effects` is a file there of known ones."""
+    """Write a diagnosis's inputs other than logs; `effects` names a file of known effects there."""
     task = {"exclude": list(exclude), "effects": effects, "seed": 0}
     write_text(folder / TASK, json.dumps(task, indent=1) + "\n")
 
 
 @dataclass(frozen=True)
 class Exam(Examiner):
-    """How many cases of which kind.
+    """The numbers of cases by kind.
 
     Args:
         robots: names of conf/robot.
         one: cases with one effect, of each effect and robot.
         two: cases with two effects, of each robot.
         none: cases with nothing hidden, of each robot.
-        excluded: cases whose effect is no candidate, of each robot.
-        sample: keep so many of all these, drawn at random but of every kind; None keeps all.
+        excluded: cases whose effect is not a candidate, of each robot.
+        sample: number of cases to keep, drawn at random but of every kind; None keeps all.
         longest, block, most: see `Examiner`.
 
     Raises:
@@ -187,13 +187,13 @@ def _record(robot: Robot, hidden: Hidden, seed: int, logs: Path, key: Path) -> b
 
 
 def _residue(robot: Robot, seed: int) -> float:
-    """Return what the nominal model leaves of a robot that hides nothing [rad]."""
+    """Return the nominal model's error on a robot that hides nothing [rad]."""
     log = drive(robot, [], plans(robot, seed)["held"], seed + 9)
     return overall(apart(log, mujoco.MjSpec.from_file(str(robot.model))))
 
 
 def evenly(names: Sequence[str], count: int, rng: np.random.Generator) -> list[str]:
-    """Return so many names, each as often as the others, give or take one."""
+    """Return `count` names, each as often as the others to within one."""
     rounds = [rng.permutation(names) for _ in range(-(-count // len(names)))]
     return [str(name) for name in np.concatenate(rounds)[:count]] if rounds else []
 
@@ -235,7 +235,7 @@ def _mixed(cases: list[Wanted], rng: np.random.Generator) -> list[Wanted]:
 
 
 def _sampled(cases: list[Wanted], count: int) -> list[Wanted]:
-    """Return so many of the shuffled cases, in their order, kinds in their proportion.
+    """Return `count` of the shuffled cases, in their order, kinds in their proportion.
 
     No kind is left out as long as there is room for one case of each.
     """

@@ -1,4 +1,4 @@
-"""What an exam can hide, where, and in which sizes: numbers for the emulator's own laws.
+"""Effects that an exam can hide, with places and sizes, as values of the emulator's own models.
 
     places(robot, "backlash")                       # ["base", "shoulder", ...]
     secret = choose(robot, "backlash", "elbow", rng)
@@ -77,7 +77,7 @@ class Secret:
 
 
 def place_of(effect: str) -> Place:
-    """Return what an effect acts on here: an actuator is named by its joint."""
+    """Return the place that an effect acts on: an actuator is named by its joint."""
     place = VOCABULARY[effect].place
     if place == "body" or place == "robot":
         return place
@@ -115,7 +115,7 @@ def moved(robot: Robot) -> dict[str, str]:
 
 
 def scales(robot: Robot, joint: str | None) -> dict[str, float]:
-    """Return what sizes multiply, of the servo at a joint; of the first one for the robot."""
+    """Return the unit of sizes for the servo at a joint; for the robot, that of its first servo."""
     servo = robot.servos[0 if joint is None else list(moved(robot)).index(joint)]
     model = mujoco.MjModel.from_xml_path(str(robot.model))
     kind, volts = servo.type, robot.supply_of(servo).voltage

@@ -46,7 +46,7 @@ CONFIDENCES = (0.0, 0.5, 0.8, 0.9, 0.95, 1.001)  # edges of the table of calibra
 
 @dataclass(frozen=True, kw_only=True)
 class Examiner(ABC):
-    """What draws and makes the cases of an exam, and marks the answers.
+    """The base of exams: it draws and makes the cases, and marks the answers.
 
     Raises:
         Sim2RealError: one of these out of range.
@@ -130,7 +130,7 @@ def prepare(exam: Examiner, block: Sequence[Outline], folder: Path) -> list[str]
 
 
 def diagnose(names: Sequence[str], folder: Path, longest: float, most: int | None) -> int:
-    """Ask for the answers that are not there yet, at most so many; return how many it was."""
+    """Ask for missing answers, up to a maximum number; return how many were asked for."""
     left = [name for name in names if not answered(folder / ANSWERS / name)][:most]
 
     def ask_one(name: str) -> None:
@@ -145,7 +145,7 @@ def diagnose(names: Sequence[str], folder: Path, longest: float, most: int | Non
 def share(
     names: Sequence[str], done: Callable[[str], bool], do: Callable[[str], None], claims: Path
 ) -> None:
-    """Do what is not done, beside other programs that do the same, and wait for them at the end.
+    """Do the open pieces of work, shared with other programs; wait for those at the end.
 
     Args:
         names: the names of the pieces of work.
@@ -198,7 +198,7 @@ def _mark(folder: Path, name: str) -> Mark:
 def closes(
     log: Log, known: Sequence[Fixed], named: Sequence[Fixed], residue: float
 ) -> float | None:
-    """Return what share of a log's closable gap the found effects close.
+    """Return the fraction of a log's closable gap that the found effects close.
 
     None where they cannot be put into the model.
 
@@ -288,8 +288,8 @@ def _head(marks: Sequence[Mark], folder: Path, seed: int, cases: int) -> str:
         )
     versions = _versions(marks, folder)
     if len(versions) > 1:
-        told = ", ".join(f"{count} by {name}" for name, count in versions.items())
-        head += f"\n\nSeveral versions of the diagnosis answered: {told}."
+        counts = ", ".join(f"{count} by {name}" for name, count in versions.items())
+        head += f"\n\nSeveral versions of the diagnosis answered: {counts}."
     return head
 
 

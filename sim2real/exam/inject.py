@@ -40,7 +40,7 @@ from sim2real.runs.files import write_text
 
 KNOWN = "known.yaml"
 PART = 30.0  # s of each log
-WORSE = 1.3  # an injected gap is at least so many times what was there before
+WORSE = 1.3  # least ratio of an injected gap to the gap before
 TRIES = 6  # sizes that are tried for that
 
 
@@ -127,7 +127,7 @@ class RealExam(Examiner):
 
     Args:
         data: the folder of real logs, which the environment variable SIM2REAL_DATA names.
-        each: cases of each robot and effect; places and sizes are drawn anew for each.
+        each: cases of each robot and effect; places and sizes are drawn for each.
         longest, block, most: see `Examiner`.
 
     Raises:
@@ -147,13 +147,13 @@ class RealExam(Examiner):
         if not self.data:
             raise Sim2RealError(
                 "real logs are needed, and exam.data names no folder of them; let the environment "
-                "variable SIM2REAL_DATA name it (docs/logs.md says where public logs are)"
+                "variable SIM2REAL_DATA name it (docs/explanation/evidence.md names public logs)"
             )
         for base in BASES.values():
             if not (self._folder(base) / base.model).is_file():
                 raise Sim2RealError(
                     f"exam.data={self.data} has no {base.folder}/{base.model}; let the environment "
-                    "variable SIM2REAL_DATA name the folder of real logs (docs/logs.md)"
+                    "variable SIM2REAL_DATA name the folder of real logs"
                 )
         wanted = [
             (robot, effect)
@@ -175,7 +175,7 @@ class RealExam(Examiner):
         rng = np.random.default_rng([outline.seed, 1])
         where = str(rng.choice(base.where[effect])) or None
         up = bool(rng.integers(2))
-        spec = told(self._folder(base) / base.model, base.joints)
+        spec = keep_joints(self._folder(base) / base.model, base.joints)
         model = spec.copy().compile()
         held = self._log(base, base.held)
         residue = overall(apart(held, spec, _effects(known(base))))
@@ -217,7 +217,7 @@ class RealExam(Examiner):
 
 
 class Lie(NamedTuple):
-    """One thing made wrong: in the logs, in what the simulator is told, or in its masses."""
+    """One thing made wrong: in the logs, in the simulator's inputs, or in its masses."""
 
     value: float  # of the effect that undoes it
     known: list[tuple[str, str, float]]
@@ -282,11 +282,11 @@ def inject(effect: str, where: str | None, size: float, base: Base, model: mujoc
 
 
 def known(base: Base) -> list[tuple[str, str, float]]:
-    """Return what is known of a robot."""
+    """Return the known effects of a robot."""
     return list(base.known)
 
 
-def told(path: Path, joints: Sequence[str]) -> mujoco.MjSpec:
+def keep_joints(path: Path, joints: Sequence[str]) -> mujoco.MjSpec:
     """Return a model with these joints alone; others are fixed, with their actuators gone."""
     spec = mujoco.MjSpec.from_file(str(path))
     for actuator in list(spec.actuators):

@@ -40,7 +40,7 @@ from sim2real.runs.tables import Table
 log_ = logging.getLogger(__name__)
 NEAR = 0.1  # relative error of a mistake's size that passes
 COLUMNS = ("episode", "time", "ctrl", "qpos", "qvel", "torque", "stamp", "flag")  # that are logged
-# Effects that a mistake could be taken for are not hidden beside one.
+# Effects that a mistake could be taken for are not hidden together with it.
 BESIDE = tuple(
     name
     for name in EFFECTS
@@ -50,12 +50,12 @@ BESIDE = tuple(
 
 @dataclass(frozen=True)
 class LogMark:
-    """What became of one case."""
+    """The result of one case."""
 
     case: str  # its name
     robot: str  # its name
     mistake: str  # the mistake in words
-    hidden: str  # the effect beside it, "" for none
+    hidden: str  # the effect that is hidden as well, "" for none
     answer: str  # verdict and causes in words
     named: bool  # whether the mistake is named
     blamed: bool  # whether the robot is: called `explained` without a mistake of the log
@@ -65,7 +65,7 @@ class LogMark:
 
 @dataclass(frozen=True)
 class LogExam(Examiner):
-    """How many cases of which robots.
+    """The number of cases, and their robots.
 
     Args:
         robots: names of conf/robot; one of them has two joints.
@@ -86,8 +86,8 @@ class LogExam(Examiner):
         if not self.robots or self.count < 1 or not 0 <= self.beside <= self.count:
             raise Sim2RealError(
                 f"an exam of robots={list(self.robots)}, count={self.count} and "
-                f"beside={self.beside} cannot be drawn; name a robot, give a count of at least 1 "
-                "and no more cases with an effect beside than that"
+                f"beside={self.beside} cannot be drawn. Name a robot, and give a count of at "
+                "least 1 and a number of cases with an effect (`beside`) from 0 to count."
             )
 
     def draw(self, seed: int) -> list[Outline]:
@@ -98,13 +98,13 @@ class LogExam(Examiner):
         chosen = evenly(kinds, self.count, rng)
         robots = evenly(self.robots, self.count, rng)
         effects = iter(evenly(BESIDE, self.beside, rng))
-        beside = set(rng.choice(self.count, self.beside, replace=False).tolist())
+        both = set(rng.choice(self.count, self.beside, replace=False).tolist())
         seeds = np.random.SeedSequence(seed).generate_state(self.count)
         outlines = []
         for i, (kind, robot) in enumerate(zip(chosen, robots, strict=True)):
             if kind in PAIRED and robot not in several:
                 robot = str(rng.choice(several))
-            hidden = (next(effects),) if i in beside else ()
+            hidden = (next(effects),) if i in both else ()
             outlines.append(Outline(f"case_{i:03d}", kind, robot, hidden, int(seeds[i])))
         return outlines
 
@@ -181,7 +181,7 @@ def names(cause: Mapping[str, Any], mistake: Mistake, joints: Sequence[str]) -> 
     every = (cause, *cause["equivalent"])
     if not any(one["effect"] == mistake.kind and one["where"] in places for one in every):
         return False
-    if cause["effect"] != mistake.kind:  # an equivalent is the mistake: its size is not told
+    if cause["effect"] != mistake.kind:  # an equivalent is the mistake: its size is unknown
         return True
     return abs(cause["value"] - mistake.value) <= NEAR * abs(mistake.value)
 
@@ -222,7 +222,7 @@ def summary(marks: Sequence[LogMark]) -> Table:
 
     add("mistake named", [one.named for one in marks], "≥ 0.9")
     add("explained by an effect instead", [one.blamed for one in marks], "0")
-    add("effect beside it named", [one.found for one in marks if one.found is not None], "")
+    add("hidden effect named, too", [one.found for one in marks if one.found is not None], "")
     for kind in KINDS:
         own = [one.named for one in marks if one.mistake.startswith(f"{kind} ")]
         if own:

@@ -79,7 +79,7 @@ class Mistake:
         return (*self.columns, *([SPEED] if speeds else []))
 
     def _wrong(self, log: Log, name: str, other: str) -> np.ndarray:
-        """Return what the log has in a column, (T,)."""
+        """Return a column of the log with the mistake in it, (T,)."""
         values = log.columns[name]
         match self.kind:
             case "row_shift":

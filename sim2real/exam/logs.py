@@ -5,10 +5,10 @@
     log = drive(robot, [{"effect": "backlash", "where": None, "value": 0.02}], made["a"], seed=1)
 
 Robots with legs hang on a stand: what no servo drives is fixed, nothing touches the ground. The
-model beside the logs is the nominal one that the robot's user has: position actuators with gain,
-torque limit and back-EMF from the data sheet, and the robot's declared bus delay. The robot itself
-is `hardware.emulator`, whose laws, time step and timing are its own. Its clock is virtual: a log of
-24 s takes about one.
+model given with the logs is the nominal one that the robot's user has: position actuators with
+gain, torque limit and back-EMF from the data sheet, and the robot's declared bus delay. The robot
+itself is `hardware.emulator`, whose laws, time step and timing are its own. Its clock is virtual: a
+log of 24 s takes about one.
 """
 
 from collections.abc import Mapping, Sequence

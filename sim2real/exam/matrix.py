@@ -23,7 +23,7 @@ RIGHT_OF_NOTHING = "no_gap"
 
 
 class Confusion(NamedTuple):
-    """How often each name was given for each hidden effect."""
+    """The confusion matrix: counts of each given name for each hidden effect."""
 
     hidden: list[str]
     named: list[str]

@@ -1,4 +1,4 @@
-"""How far a log is from a simulation of it: the exam's own measure, which no diagnosis computes.
+"""The distance of a log from its simulation: the exam's own measure, independent of diagnosis.
 
     before = apart(log, spec)                       # (M,) rad, joint by joint
     after = apart(log, spec, load_effects("effects.yaml"))

@@ -1,4 +1,4 @@
-"""What a case is before it is made: its outline."""
+"""The outline of a case before it is made."""
 
 from dataclasses import dataclass
 

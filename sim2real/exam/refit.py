@@ -1,4 +1,4 @@
-"""Which effects can pass for another one: what is withheld together with an effect.
+"""Effects that can imitate another one, and are withheld together with it.
 
     rivals = withheld(robot, truth, log, floor)     # ("payload", "center_of_mass")
 
@@ -197,7 +197,7 @@ def _values(effect: Effect, span: Sizes, unit: float, point: np.ndarray) -> list
 
 
 def _left(plant: Plant, values: np.ndarray, log: Log) -> np.ndarray:
-    """Return what each row's values (N, P) leave of the gap, (N,); inf where they diverge."""
+    """Return the gap that each row's values (N, P) leave, (N,); inf where they diverge."""
     values, rows = values.copy(), np.arange(plant.num_rows)
     lost = np.zeros(plant.num_rows, bool)
     while True:

@@ -11,13 +11,13 @@ Rules:
 * Rank 3: every hidden effect is among the first three causes or their sets.
 * The place of a body effect is the joint that moves the body. A robot of one joint has one place.
 * An answer is a set if another recording could part a cause from an equivalent. The truth is inside
-  if every hidden effect is a cause or an equivalent of one. An answer that is no set is exact if,
-  besides, nothing else is named.
+  if every hidden effect is a cause or an equivalent of one. An answer that is not a set is exact
+  if, besides, nothing else is named.
 * A verdict of `fitted` names no cause, so that nothing of it is right or superfluous.
 * Nothing hidden: `no_gap` is right, everything else a false alarm.
 * Effect removed from the candidates: anything but `explained` is right, if the joint with the
   largest share of the gap is the right one.
-* `closed` is measured anew on a sealed log that the diagnosis never saw, by the exam's own replay.
+* `closed` is measured on a sealed log that the diagnosis never saw, by the exam's own replay.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ Named = tuple[str, str | None]  # effect and place
 
 @dataclass(frozen=True, kw_only=True)
 class CaseMark:
-    """What became of one case of any exam; None where a question does not apply."""
+    """The result of one case of any exam; None where a question does not apply."""
 
     case: str  # its name
     kind: str  # what was withheld

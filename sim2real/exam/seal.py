@@ -4,9 +4,9 @@
     check(keys, logs)               # raises if one of them has changed since
 
 A diagnosing process is given one case's folder below `logs`, never `keys`. The hashes lie with the
-logs, so that whoever has these can tell later whether the key is the one that they came with. A
+logs, so that their owner can check later whether the key is the one that they came with. A
 hash of a hundred digits and letters tells nothing of what it was made of: the key holds numbers of
-full precision that nobody can try one by one.
+full precision, too many to try one by one.
 """
 
 import hashlib
@@ -43,7 +43,7 @@ def cases(logs: Path) -> list[str]:
 
 
 def close(keys: Path, logs: Path, names: Iterable[str]) -> Path:
-    """Add the hashes of these cases' keys to those beside the logs, and return the file.
+    """Add the hashes of these cases' keys to those next to the logs, and return the file.
 
     What was sealed before stays as it was.
     """

@@ -28,7 +28,7 @@ Gap = Callable[[list[dict[str, Any]]], float | None]  # of entries; None: the ro
 
 
 class Hidden(NamedTuple):
-    """What was hidden, and what it does."""
+    """A hidden effect, and its influence on the log."""
 
     # entries of an effects.yaml, each with `joint` and its own `gap`
     truths: tuple[dict[str, Any], ...]

@@ -1,4 +1,4 @@
-"""Bayesian optimization by BoTorch: for simulations that are so dear that only few can be paid.
+"""Bayesian optimization by BoTorch, for simulations so costly that only few are affordable.
 
     found = Bayesian(first=16, generations=20).minimize(evaluate, prior, seed=0)
 
@@ -17,11 +17,11 @@ from scipy.stats.qmc import Sobol
 from sim2real.identification.searches import Evaluate, OnTurn, SearchResult, Space
 from sim2real.runs.errors import Sim2RealError
 
-RESTARTS, RAW = 4, 128  # of the search for where to ask next: from so many of so many drawn points
+RESTARTS, RAW = 4, 128  # restarts of the search for the next point, and draws for their starts
 
 
 class Bayesian:
-    """See the module's text.
+    """Bayesian optimization with a Gaussian process.
 
     Args:
         first: points of the first generation, spread evenly (a Sobol sequence).
@@ -52,8 +52,8 @@ class Bayesian:
         for turn in range(self.generations):
             if turn:
                 asked = promising(shares, _values(numbers), self.population, seed + turn)
-            told = evaluate(low + width * asked, turn)
-            shares, numbers = np.concatenate([shares, asked]), np.concatenate([numbers, told])
+            scores = evaluate(low + width * asked, turn)
+            shares, numbers = np.concatenate([shares, asked]), np.concatenate([numbers, scores])
             best = low + width * shares[numbers.argmin()]
             history.append((best, width * asked.std(axis=0)))
             if on_turn is not None:
@@ -100,7 +100,7 @@ def promising(points: np.ndarray, values: np.ndarray, count: int, seed: int) -> 
 
 
 def expected(points: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return what the process, given values (n,) at points (n, P), expects at these, (n,)."""
+    """Return the posterior mean (n,) at the points (n, P) with values (n,)."""
     return values.mean() + _scale(values) * _expected(_model(points, values), points)
 
 
@@ -131,5 +131,5 @@ def _scale(values: np.ndarray) -> float:
 
 
 def _values(numbers: np.ndarray) -> np.ndarray:
-    """Return what is to be maximized in the place of numbers that are to be small."""
+    """Return scores to minimize as values to maximize: negated, of positive ones the logarithm."""
     return -np.log(numbers) if numbers.min() > 0 else -numbers

@@ -26,7 +26,7 @@ Ranks = Callable[
 
 
 class Calibration(NamedTuple):
-    """What the ranks say, a number a parameter."""
+    """The calibration by the ranks, a number for each parameter."""
 
     names: tuple[str, ...]
     count: int  # simulated truths
@@ -49,7 +49,7 @@ def calibrate(
     """Return how uniform the truths' ranks are among draws of their posteriors.
 
     Args:
-        ranks: returns how many of so many draws of each posterior lie below the truth, (n, P).
+        ranks: returns the rank of the truth among the draws of each posterior, (n, P).
         truths: drawn from the prior, none of which the posterior has learned from, (n, P).
         summaries: of a simulation of each, (n, K).
         names: of the parameters.

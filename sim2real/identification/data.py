@@ -1,4 +1,4 @@
-"""What an identification is given: logs, their model, and what is known already.
+"""The input of an identification: logs, their model, and known effects.
 
 data = Recordings(read_logs("logs/"), "arm.xml", fixed=load_effects("effects.yaml"))
 """
@@ -59,7 +59,7 @@ class Recordings:
     def windows(self) -> Data:
         """The logs, cut into windows as a diagnosis cuts them.
 
-        Where nobody measured the base of a robot that walks, it is estimated from encoders, IMU and
+        If the base of a walking robot was not measured, it is estimated from encoders, IMU and
         the feet that stand, and what is not known of a window's start is taken out of its errors.
 
         Raises:

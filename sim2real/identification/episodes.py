@@ -25,14 +25,14 @@ from sim2real.runs.errors import Sim2RealError
 
 
 class Simulated(Protocol):
-    """What a policy was trained in; see `sim2real.learning.environment.EnvironmentFactory`."""
+    """A policy's training environment; see `sim2real.learning.environment.EnvironmentFactory`."""
 
     tasks: Tasks
     fixed: Sequence[Fixed]
 
     @property
     def task(self) -> Task | None:
-        """What is simulated."""
+        """The simulated task."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""What a distribution makes of recordings that nothing was fitted to.
+"""Score a parameter distribution on held-out recordings.
 
     found = widened(fitted, found, np.random.default_rng(0))
     judged = judge(held, found, np.random.default_rng(0))
@@ -6,7 +6,7 @@
 
 Held-out recordings are replayed under draws of the distribution, each with what was left of the gap
 added as noise: a band that holds nine tenths of the draws should hold about nine tenths of the
-readings. How much noise that takes is told by the recordings that were fitted. CRPS is the
+readings. The noise level comes from the recordings that were fitted. CRPS is the
 continuous ranked probability score of these draws (Gneiting and Raftery 2007, the ensemble's form);
 an estimate without a width scores its absolute error.
 """

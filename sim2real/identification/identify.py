@@ -73,7 +73,7 @@ def identify(
 
 
 def _judged(made: Provider, found: Distribution, seed: int) -> HeldOutScores | None:
-    """Return what held-out recordings say; None where the provider is not aligned."""
+    """Return the scores on held-out recordings; None if the provider is not aligned."""
     if not isinstance(made, AlignedProvider):
         return None
     _, held = made.split()

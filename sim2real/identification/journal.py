@@ -1,12 +1,12 @@
-"""What a search was told, so that a run that was stopped goes on from there.
+"""Record a search's evaluations, so that a stopped run can resume.
 
     journal = Journal(folder / "journal.npz", score)
-    numbers = journal.told(points, turn, evaluate)      # recorded ones if these points were asked
+    numbers = journal.evaluate(points, turn, evaluate)  # recorded ones if these points were asked
 
-A search is a pure function of its seed and of the numbers that it is told. A resumed run therefore
-asks the same points and is told the recorded numbers, without a simulation, until it reaches where
-it was stopped; what the score has learned is loaded there. The file is whole or absent and holds
-arrays alone.
+A search is a pure function of its seed and of the numbers that it receives. A resumed run therefore
+asks the same points and receives the recorded numbers, without a simulation, until it reaches the
+point where it was stopped; the score's learned state is loaded there. The file is whole or absent
+and holds arrays only.
 """
 
 import zipfile
@@ -29,7 +29,7 @@ class Journal:
     Args:
         path: the file; None keeps nothing.
         score: whose memory is kept along; None where it has none.
-        start: the journal of a run to go on from; None starts anew.
+        start: the journal of a run to go on from; None starts a new one.
 
     Raises:
         Sim2RealError: a journal that is damaged.

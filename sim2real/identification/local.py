@@ -21,7 +21,7 @@ from sim2real.identification.settings import DEFAULT, Settings
 
 
 class LocalSensitivity(NamedTuple):
-    """What the logs say around a point."""
+    """The logs' sensitivity around a point."""
 
     point: np.ndarray  # (P,)
     scale: np.ndarray  # (P,) deviations of the prior

@@ -1,4 +1,4 @@
-"""What an identification leaves behind: the distribution, a table, a picture, numbers.
+"""The output of an identification: the distribution, a table, a picture, numbers.
 
 write(outcome, Path("outputs/identify/..."))    # distribution.yaml, table.md, identify.json, ...
 """
@@ -89,7 +89,7 @@ def notes(outcome: Outcome) -> Iterator[str]:
         yield (
             f"held out: gap {judged.before:.4g} before, {judged.after:.4g} after; "
             f"{judged.coverage:.0%} of the readings are within the {judged.band:.0%} band of "
-            f"draws; CRPS {judged.crps:.4g} beside an absolute error of {judged.absolute:.4g}."
+            f"draws; CRPS {judged.crps:.4g}, absolute error {judged.absolute:.4g}."
         )
 
 
@@ -162,7 +162,7 @@ def panel(ax: Any, outcome: Outcome) -> None:
 
 
 def legend(truth: bool) -> list:
-    """Return what the colours mean, and whether there is a truth among them."""
+    """Return the legend of the colours, and whether a truth is among them."""
     from matplotlib.lines import Line2D
 
     kinds = [

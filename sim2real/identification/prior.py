@@ -1,4 +1,4 @@
-"""What is thought of the parameters before the logs are looked at: a distribution with a width.
+"""The prior distribution of the parameters.
 
 prior = of_tasks(params, data)                     # what training draws, such as params=udr
 prior = of_candidates("report.json", data)         # what a diagnosis leaves open
@@ -29,7 +29,7 @@ from sim2real.runs.errors import Sim2RealError
 def prior_from_tasks(
     tasks: Tasks, data: Recordings | None = None, beyond: float = 0.0
 ) -> Distribution:
-    """Return what a training draws from as a prior.
+    """Return the distribution that a training draws from, as a prior.
 
     Args:
         tasks: a `Randomization`, or a distribution, which is a prior as it is.
@@ -126,8 +126,8 @@ def _report(path: Path) -> Report:
         raise Sim2RealError(f"candidates={path}: {error.strerror}") from None
     except (json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError, AttributeError) as error:
         raise Sim2RealError(
-            f"candidates={path} is no report.json of a diagnosis ({error}); give one, or names of "
-            "effects in brackets: candidates=[coulomb_friction,link_mass]"
+            f"candidates={path} is not a report.json of a diagnosis ({error}); give one, or names "
+            "of effects in brackets: candidates=[coulomb_friction,link_mass]"
         ) from None
 
 

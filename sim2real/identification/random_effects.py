@@ -1,4 +1,4 @@
-"""How much a robot varies between episodes, apart from how well its mean is known.
+"""A robot's variance between episodes, separate from the uncertainty of its mean.
 
     split = random_effects(estimates, covariances)       # (E, P), (E, P, P)
     split.mean, split.spread, split.uncertainty          # (P,), (P, P), (P, P)

@@ -21,7 +21,7 @@ OnTurn = Callable[[int, int, float], None]  # turns done, turns in all, best num
 
 
 class Space(Protocol):
-    """Where to search: a prior, or a box."""
+    """The space of a search: a prior, or a box."""
 
     @property
     def low(self) -> np.ndarray:
@@ -45,7 +45,7 @@ class Space(Protocol):
 
 
 class Box(NamedTuple):
-    """A space of its own ends."""
+    """A box of parameter values."""
 
     low: np.ndarray  # (P,)
     high: np.ndarray  # (P,)
@@ -54,7 +54,7 @@ class Box(NamedTuple):
 
 
 class SearchResult(NamedTuple):
-    """Where a search ended."""
+    """The result of a search."""
 
     best: np.ndarray  # (P,) the point of the smallest number that was seen
     mean: np.ndarray  # (P,) of the last generation's law
@@ -63,7 +63,7 @@ class SearchResult(NamedTuple):
 
 
 class Search(Protocol):
-    """See the module's text."""
+    """Base class of searches."""
 
     def minimize(
         self, evaluate: Evaluate, prior: Space, seed: int, on_turn: OnTurn | None = None

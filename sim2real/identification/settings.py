@@ -1,4 +1,4 @@
-"""Every number that steers an identification and is no argument of a class in `conf/identify`."""
+"""The settings of an identification that are not arguments of classes in `conf/identify`."""
 
 from dataclasses import dataclass
 

@@ -1,15 +1,14 @@
-"""Policies that are told their robot's parameters, beside what it shows.
+"""Condition a policy on its robot's physical parameters.
 
     env = make_env(compose(["+experiment=es_dr", "transforms=with_params"]), num_envs=256)
     env.reset()["observation"]                  # (256, O + P): the last P are the robot's own
 
-In training and on simulated robots they are the true ones: such a policy is an oracle. A robot
-says nothing of itself. What is believed of it is told instead: the middle of the range of training,
-until somebody identifies it (`adapt=identify`).
+In simulation the policy receives the true parameters: it is an oracle. On a real robot they are
+unknown, so it receives the centre of the training range until `adapt=identify` has estimated them.
 
-Each parameter is told as -1 to 1 over the range that the training draws it from. With `products`
-the observation times each parameter follows: the gains of a linear policy then depend on the robot,
-as those of a gain-scheduled controller do.
+Each parameter is mapped from its training range to [-1, 1]. With `products` the observation times
+each parameter is appended, too: the gains of a linear policy then depend on the robot, as those of
+a gain-scheduled controller do.
 """
 
 from __future__ import annotations
@@ -61,7 +60,7 @@ def training_range(tasks: Any, space: ParamSpace) -> dict[str, tuple[float, floa
 
 @dataclass(frozen=True, eq=False)
 class ContextSpec:
-    """Which parameters a policy is told, and how."""
+    """Which parameters a policy receives, and over which ranges."""
 
     parameters: tuple[Parameter, ...]  # P of them, in the order of the simulator's space
     # lower ends of the ranges that training draws them from, (P,), each in its unit
@@ -70,7 +69,7 @@ class ContextSpec:
 
     @classmethod
     def from_tasks(cls, tasks: Tasks, space: ParamSpace) -> ContextSpec:
-        """Return what tasks draw.
+        """Return the parameters that tasks draw, with their ranges.
 
         Raises:
             Sim2RealError: tasks that draw nothing, have no known range, or one without width.
@@ -117,7 +116,7 @@ class ContextSpec:
         return (self.high - self.low) / 2
 
     def normalize(self, values: np.ndarray, limit: float) -> np.ndarray:
-        """Return how values (..., P) are told: -1 to 1 over the ranges, cut at ± limit."""
+        """Map values (..., P) from the training ranges to [-1, 1], clipped to ± limit."""
         return np.clip((values - self.center) / self.half_range, -limit, limit)
 
 
@@ -125,34 +124,36 @@ class AppendContext(Transform):
     """Appends the robot's parameters to "observation".
 
     Args:
-        told: which, and over which ranges.
-        limit: how far beyond the range of training a parameter is told, in halves of that range: at
-            1 a robot outside it is told as the nearest one inside.
+        context: which parameters, and over which ranges.
+        limit: where normalized parameters are clipped, in halves of the training range: at 1 a
+            robot outside the range looks like the nearest one inside.
         products: whether the observation times each parameter follows, P times O numbers.
-        truth: whether a simulated robot says what it is; false tells the middle, as a robot that
-            was not identified.
+        truth: whether simulation supplies the true parameters; false supplies the centre, as for a
+            robot that was not identified.
 
     Attributes:
-        believed: what is told instead of the truth, (N, P) or (P,), -1 to 1 over the ranges; None
-            tells the truth, and of a robot that has no ("params", name) the middle.
+        assumed_context: used instead of the truth, (N, P) or (P,), -1 to 1 over the ranges. None
+            uses the truth, or the centre where the robot has no ("params", name).
 
     Raises:
         Sim2RealError: a limit below 1.
     """
 
     def __init__(
-        self, told: ContextSpec, limit: float = 1.0, products: bool = False, truth: bool = True
+        self, context: ContextSpec, limit: float = 1.0, products: bool = False, truth: bool = True
     ) -> None:
         if not limit >= 1:
             raise Sim2RealError(f"transforms.with_params.limit={limit} must be at least 1")
         super().__init__(in_keys=["observation"], out_keys=["observation"])
-        self.told, self.limit, self.products, self.truth = told, limit, products, truth
+        self.context, self.limit, self.products, self.truth = context, limit, products, truth
         self.assumed_context: np.ndarray | None = None
-        self._middle, self._half = (torch.from_numpy(x) for x in (told.center, told.half_range))
+        self._middle, self._half = (
+            torch.from_numpy(x) for x in (context.center, context.half_range)
+        )
 
     def affine(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return what is subtracted from parameters, and what they are then divided by."""
-        return self.told.center, self.told.half_range
+        """Return the offset and the scale of parameters: (value - offset) / scale."""
+        return self.context.center, self.context.half_range
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         seen = next_tensordict.get("observation")
@@ -163,13 +164,13 @@ class AppendContext(Transform):
         return next_tensordict.set("observation", torch.cat(parts, -1))
 
     def _said(self, tensordict: TensorDictBase, seen: Tensor) -> Tensor:
-        shape = (*seen.shape[:-1], self.told.size)
+        shape = (*seen.shape[:-1], self.context.size)
         if self.assumed_context is not None:
             return torch.as_tensor(self.assumed_context).expand(shape)
         params = tensordict.get("params", None) if self.truth else None
         there = {} if params is None else dict(params.items())
         values = self._middle.expand(shape).clone()
-        for column, name in enumerate(self.told.names):
+        for column, name in enumerate(self.context.names):
             if name in there:
                 values[..., column] = there[name].reshape(shape[:-1])
         return ((values - self._middle) / self._half).clamp_(-self.limit, self.limit)
@@ -181,7 +182,7 @@ class AppendContext(Transform):
 
     def output_size(self, size: int) -> int:
         """Return how long an observation of O numbers becomes."""
-        return size + self.told.size * (1 + self.products * size)
+        return size + self.context.size * (1 + self.products * size)
 
     def transform_observation_spec(self, observation_spec: Composite) -> Composite:
         """Return the specs with a longer observation."""
@@ -192,11 +193,11 @@ class AppendContext(Transform):
 
 
 def set_assumed_context(env: TransformedEnv, said: np.ndarray | None) -> None:
-    """Tell the policies of an environment something else than the truth.
+    """Override the context that the policies of an environment receive.
 
     Args:
-        env: its `AppendContext` tell it; without one nobody is told anything.
-        said: -1 to 1 over the ranges, (N, P), or (P,) for all rows; None tells the truth again.
+        env: has `AppendContext` transforms; without one nothing changes.
+        said: -1 to 1 over the ranges, (N, P), or (P,) for all rows; None restores the truth.
     """
     chain: Any = env.transform
     for one in chain:
@@ -219,14 +220,14 @@ class ContextRows:
         self.action_size = rows.action_size
         self.observation_size = transform.output_size(rows.observation_size)
         self.arrays = arrays_of(rows)
-        self._said = self.arrays.zeros((rows.num_rows, transform.told.size))
+        self._said = self.arrays.zeros((rows.num_rows, transform.context.size))
 
     def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> Array:
         """Start an episode in each of the rows ids (n,); see `Rows`."""
-        told, rows = self._transform.told, self.arrays.rows(ids)
-        true = self._transform.truth  # what is told of a robot is not what it is
-        known = values if true else np.tile(told.center, (len(ids), 1))
-        self._said[rows] = self.arrays.own(told.normalize(known, self._transform.limit))
+        context, rows = self._transform.context, self.arrays.rows(ids)
+        true = self._transform.truth
+        known = values if true else np.tile(context.center, (len(ids), 1))
+        self._said[rows] = self.arrays.own(context.normalize(known, self._transform.limit))
         return self._longer(self._rows.reset(ids, values, seeds), self._said[rows])
 
     def step(self, ids: np.ndarray | None, action: Array) -> Step:

@@ -42,7 +42,7 @@ from sim2real.runs.errors import Sim2RealError
 
 @dataclass(frozen=True)
 class EnvironmentFactory:
-    """What makes the environments of a run.
+    """A factory of a run's environments.
 
     Raises:
         Sim2RealError: tasks with effects, or fixed ones, for a world that simulates no robot.
@@ -82,12 +82,12 @@ class EnvironmentFactory:
 
     @property
     def task(self) -> Task | None:
-        """What is simulated; None for a world that is no task on a robot."""
+        """The simulated task; None for an environment without a robot."""
         return _argument(self.base, "task") if self.simulated else None
 
     @property
     def name(self) -> str:
-        """What is learned, for checkpoints: the task, or else what makes the world."""
+        """The name of what is learned, for checkpoints: that of the task, or else of the base."""
         if self.task is not None:
             return type(self.task).__name__
         made = _argument(self.base, "toy") if self.base.func is ToyEnv else self.base
@@ -95,37 +95,38 @@ class EnvironmentFactory:
 
     @property
     def has_transforms(self) -> bool:
-        """Whether nothing is done to what the base shows but drawing its robots."""
+        """Whether the only transform is the one that draws robots."""
         return all(_randomizes(one) for one in self.transforms.values())
 
     @cached_property
     def context_spec(self) -> ContextSpec | None:
-        """What the policy is told of its robot, beside what that shows; None: nothing.
+        """The robot's parameters that the policy receives; None: none.
 
         Raises:
-            Sim2RealError: tasks without ranges, or a world that is not one over rows.
+            Sim2RealError: tasks without ranges, or an environment that is not one over rows.
         """
         for one in self.transforms.values():
             if _tells(one):
-                return _keywords(one).get("told") or ContextSpec.from_tasks(
+                return _keywords(one).get("context") or ContextSpec.from_tasks(
                     self.tasks, self.base_rows(1, threads=1).space
                 )
         return None
 
     @property
     def context_is_true(self) -> bool:
-        """Whether policies are told the truth of simulated robots."""
+        """Whether policies receive the true parameters of simulated robots."""
         return any(
             _tells(one) and "student" not in _keywords(one) and _keywords(one).get("truth", True)
             for one in self.transforms.values()
         )
 
     def with_estimated_context(self, student: Student) -> EnvironmentFactory:
-        """Return this with policies that are told what a student guesses instead of the truth."""
+        """Return this with policies that receive a student's estimates instead of the truth."""
 
         def guess(one: Callable[..., Transform]) -> Callable[..., Transform]:
-            own = {k: v for k, v in _keywords(one).items() if k not in ("told", "truth")}
-            return partial(EstimateContext, told=self.context_spec, **{**own, "student": student})
+            own = {k: v for k, v in _keywords(one).items() if k not in ("context", "truth")}
+            own |= {"context": self.context_spec, "student": student}
+            return partial(EstimateContext, **own)
 
         transforms = {
             name: guess(one) if _tells(one) else one for name, one in self.transforms.items()
@@ -161,14 +162,14 @@ class EnvironmentFactory:
 
     def with_base(self, base: partial[EnvBase]) -> EnvironmentFactory:
         """Return the same transforms over another base, whose robots are what they are."""
-        told = self.context_spec
-        made = self if told is None else self.with_context_spec(told)
+        context = self.context_spec
+        made = self if context is None else self.with_context_spec(context)
         return replace(made, base=base, tasks=Randomization(), fixed=())
 
-    def with_context_spec(self, told: ContextSpec) -> EnvironmentFactory:
-        """Return this with policies that are told the same, whatever its robots differ in."""
+    def with_context_spec(self, context: ContextSpec) -> EnvironmentFactory:
+        """Return this with policies that receive these parameters, whatever robots are drawn."""
         transforms = {
-            name: partial(one, told=told) if _tells(one) else one
+            name: partial(one, context=context) if _tells(one) else one
             for name, one in self.transforms.items()
         }
         return replace(self, transforms=transforms)
@@ -191,8 +192,8 @@ class EnvironmentFactory:
             extra: further transforms behind the others, such as a policy's primers.
 
         Raises:
-            Sim2RealError: a base that is no environment of that batch size, a transform whose keys
-                are not there.
+            Sim2RealError: a base that is not an environment of that batch size, a transform whose
+                keys are not there.
         """
         base = self._base(num_envs, threads, device)
         env = SerializableEnv(base, self, seed)
@@ -213,7 +214,7 @@ class EnvironmentFactory:
     def _transform(self, one: Callable[..., Transform]) -> Any:
         if _randomizes(one):
             return one(tasks=self.tasks)
-        return one(told=self.context_spec) if _tells(one) else one()
+        return one(context=self.context_spec) if _tells(one) else one()
 
     def _append(self, env: TransformedEnv, name: str, transform: Transform, seed: int) -> None:
         """Put a transform behind the others, and see that what it reads is there."""
@@ -278,7 +279,9 @@ class EnvironmentFactory:
         """
         base = self.on_host._base(num_rows, threads, "cpu")
         if not isinstance(base, RowsEnv):
-            raise Sim2RealError(f"{self.name} is no world of rows; choose one such as env=hopper")
+            raise Sim2RealError(
+                f"{self.name} does not consist of rows; choose one such as env=hopper"
+            )
         return base.rows
 
     def observation_and_action_spec(self) -> tuple[int, np.ndarray, np.ndarray]:
@@ -340,7 +343,7 @@ def environment_of(config: Mapping[str, Any]) -> EnvironmentFactory:
 
 
 def _argument(base: partial[EnvBase], name: str) -> Any:
-    """Return what a world is made of: its first argument, given by name or by place."""
+    """Return the base's first argument, given by name or by position."""
     return base.keywords[name] if name in base.keywords else base.args[0]
 
 
@@ -354,7 +357,7 @@ def _tells(one: Callable[..., Transform]) -> bool:
 
 
 def _made(one: Callable[..., Transform]) -> Callable[..., Transform]:
-    """Return what is called in the end, behind all arguments that were given already."""
+    """Return the function inside nested partials."""
     while isinstance(one, partial):
         one = one.func
     return one

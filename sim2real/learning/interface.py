@@ -42,12 +42,12 @@ def interface(environment: EnvironmentFactory) -> Block | None:
     task = environment.task
     if not isinstance(task, ServoTask):
         return None
-    model, machine, told = task.spec().compile(), task.machine, environment.context_spec
+    model, machine, context = task.spec().compile(), task.machine, environment.context_spec
     low, high = task.action_range(model)
     return {
         "robot": machine.name,
         "rate": machine.rate,
-        "observation": [*observation_names(task), *([] if told is None else told.names)],
+        "observation": [*observation_names(task), *([] if context is None else context.names)],
         "action": {"low": np.asarray(low).tolist(), "high": np.asarray(high).tolist()},
         "units": UNITS,
         "servos": {
@@ -95,7 +95,7 @@ def read_interface(checkpoint: Path) -> Block:
     try:
         return dict(json.loads(file.read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError) as error:
-        raise Sim2RealError(f"{file}: this is no interface of a policy ({error})") from None
+        raise Sim2RealError(f"{file}: this is not a policy's interface ({error})") from None
 
 
 def observation_names(task: ServoTask) -> list[str]:

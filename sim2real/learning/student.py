@@ -1,7 +1,7 @@
-"""A student of a policy that is told its robot's parameters: it guesses them from what happened.
+"""A student of a policy that knows its robot: it estimates the parameters from past steps.
 
-    student = Student(observation_size=11, action_size=3, told=2, history=50, hidden=(128, 64))
-    student(past)                               # (N, P) of (N, history, O + A): -1 to 1
+    student = Student(observation_size=11, action_size=3, parameters=2, history=50, hidden=(128,
+    64)) student(past)                               # (N, P) of (N, history, O + A): -1 to 1
 
 After RMA (Kumar et al. 2021, "RMA: rapid motor adaptation for legged robots"), whose student sees
 the last steps, too, and says what the policy wants to know of its robot; here that are the
@@ -23,12 +23,12 @@ Tensor = torch.Tensor
 
 
 class Student(nn.Module):
-    """A perceptron from the last steps to the parameters of a robot, as they are told.
+    """A perceptron from the last steps to a robot's normalized parameters.
 
     Args:
         observation_size: O, numbers that the robot shows.
         action_size: A.
-        told: P, parameters.
+        parameters: P.
         history: H, steps that it sees.
         hidden: widths of the hidden layers.
 
@@ -43,7 +43,7 @@ class Student(nn.Module):
         self,
         observation_size: int,
         action_size: int,
-        told: int,
+        parameters: int,
         history: int,
         hidden: Sequence[int],
     ) -> None:
@@ -55,7 +55,7 @@ class Student(nn.Module):
         layers: list[nn.Module] = []
         for inputs, outputs in pairwise(sizes):
             layers += [nn.Linear(inputs, outputs), nn.Tanh()]
-        self.network = nn.Sequential(*layers, nn.Linear(sizes[-1], told), nn.Tanh())
+        self.network = nn.Sequential(*layers, nn.Linear(sizes[-1], parameters), nn.Tanh())
         self.register_buffer("mean", torch.zeros(self.width))
         self.register_buffer("std", torch.ones(self.width))
 
@@ -69,7 +69,7 @@ class EstimateContext(AppendContext):
     """Appends what a student guesses of the robot to "observation".
 
     Args:
-        told: which parameters, and over which ranges.
+        context: which parameters, and over which ranges.
         student: guesses them.
         limit: see `AppendContext`.
         products: see `AppendContext`.
@@ -80,9 +80,9 @@ class EstimateContext(AppendContext):
     """
 
     def __init__(
-        self, told: ContextSpec, student: Student, limit: float = 1.0, products: bool = False
+        self, context: ContextSpec, student: Student, limit: float = 1.0, products: bool = False
     ) -> None:
-        super().__init__(told, limit, products)
+        super().__init__(context, limit, products)
         self.student = [student]  # no submodule: its state is that of who trains it
         self.past = torch.empty(0)
 

@@ -8,7 +8,7 @@
 
 It hides which algorithm trained the policy. Evolution strategies keep their parameters in one
 vector already; of any other policy the vector is that of its actor's parameters, in their order.
-Behind them may stand what a policy that is told its robot's parameters is to believe of it.
+They may be followed by the context that the policy assumes of its robot.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class TrainedPolicy:
         statistics: state of the environment's transforms.
         primers: makes the transforms that the policy itself needs, such as those of a memory.
         program: makes the policy with given parameters as one torch module, from raw observations
-            (..., O) to actions (..., A); None where it is no such function.
+            (..., O) to actions (..., A); None if it is not such a function.
         frames: environment steps of its training.
         dtype: the dtype of the observations that a robot returns.
         source: the checkpoint that it is from, if any.
@@ -77,18 +77,18 @@ class TrainedPolicy:
     clips_actions: bool = True
 
     @property
-    def told(self) -> ContextSpec | None:
-        """What the policy is told of its robot; None: nothing."""
+    def context(self) -> ContextSpec | None:
+        """The robot's parameters that the policy receives; None: none."""
         return self.environment.context_spec
 
     def split(self, theta: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
-        """Return the parameters of the policy, (P,), and what it is to believe of its robot.
+        """Return the policy's parameters, (P,), and the context that it assumes; None: not given.
 
         Args:
-            theta: parameters, behind which may stand as many numbers as the policy is told, -1 to 1
-                over the ranges; None for the trained ones.
+            theta: the policy's parameters, optionally followed by the context that it assumes, -1
+                to 1 over the ranges; None for the trained ones.
         """
-        if theta is None or len(theta) <= len(self.theta) or self.told is None:
+        if theta is None or len(theta) <= len(self.theta) or self.context is None:
             return self.theta if theta is None else theta, None
         return theta[: len(self.theta)], theta[len(self.theta) :]
 
@@ -123,8 +123,8 @@ class TrainedPolicy:
             seed: of its episodes.
         """
         made = self.environment if environment is None else environment
-        if self.told is not None:
-            made = made.with_context_spec(self.told)
+        if self.context is not None:
+            made = made.with_context_spec(self.context)
         env = made.on_host.make(num_envs, threads, seed=seed, extra=self.primers())
         env.transform.load_state_dict(drop_per_row_state(self.statistics), strict=False)
         env.transform.eval()
@@ -169,7 +169,7 @@ class TrainedPolicy:
             theta: parameters, (P,), see `split`; None for the trained ones.
             num_rows: N, robots at a time.
             explore: seed of actions that are drawn; None for the means.
-            said: what a policy that is told its robot's parameters believes, (N, P) or (P,), -1 to
+            said: the context that the policy assumes of its robot, (N, P) or (P,), -1 to
                 1 over the ranges; None for what stands behind theta, or else the middle.
         """
         env = self.over(
@@ -240,7 +240,7 @@ def from_actor(
 def _program(
     policy: Any, environment: EnvironmentFactory, affine: tuple[np.ndarray, np.ndarray]
 ) -> Callable[[np.ndarray], nn.Module] | None:
-    """Return what makes the actor's means a function of raw observations; None if it is none."""
+    """Return the function from raw observations to the actor's means; None if there is none."""
     if policy.network(policy.actor) is None:
         return None
     _, low, high = environment.observation_and_action_spec()
@@ -286,11 +286,11 @@ class ExternalObservationRows:
         self.observation = np.zeros((num_rows, observation_size))
 
     def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
-        """Return what was put in."""
+        """Return the supplied observations."""
         return self.observation[ids]
 
     def step(self, ids: np.ndarray | None, action: np.ndarray) -> Step:
-        """Return what was put in; nothing moves, nothing is paid, nothing ends."""
+        """Return the supplied observations; rewards are 0 and nothing ends."""
         no = np.zeros(self.num_rows, bool)
         return Step(self.observation, np.zeros(self.num_rows), no, no, no)
 

@@ -75,7 +75,7 @@ class Budget:
         return Progress(self.frames, "step", algorithm.frames, algorithm.frames)
 
     def spent(self, algorithm: Algorithm) -> int:
-        """Return what `progress` counts."""
+        """Return the iterations, or the frames, that `progress` counts."""
         return algorithm.iteration if self.iterations is not None else algorithm.frames
 
 
@@ -106,7 +106,7 @@ def run_training_loop(
 
 
 def interruption_error(files: RunFiles, what: str, number: int) -> RunInterrupted:
-    """Return what a run that signal `number` ended raises: what was lost, and how to resume."""
+    """Return the exception for signal `number`: what was lost, and how to resume."""
     newest = files.store.latest()
     again = f"to continue, run the same command with resume={newest}"
     return RunInterrupted(

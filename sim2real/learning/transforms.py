@@ -93,11 +93,11 @@ BLIND = (  # what they do is not to what is seen
 
 
 def affine(env: TransformedEnv) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return what transforms subtract from "observation" and divide it by, (O + P,) each.
+    """Return the offset and the scale that transforms apply to "observation", (O + P,) each.
 
-    Behind the environment's own numbers stand the robot's parameters, each in its unit, where the
-    policy is told them; that they are told within limits is left out. None where the transforms do
-    anything else to what the environment shows.
+    The environment's own numbers are followed by the robot's parameters, each in its unit, if the
+    policy receives them; their clipping is left out. None if the transforms change the observation
+    in any other way.
     """
     size = env.base_env.full_observation_spec["observation"].shape[-1]
     mean, std = np.zeros(size), np.ones(size)
@@ -115,7 +115,7 @@ def affine(env: TransformedEnv) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def reward_scale(env: TransformedEnv) -> float:
-    """Return what transforms divide rewards by in training; 1 where none does."""
+    """Return the divisor of rewards in training; 1 if no transform scales them."""
     unit, chain = 1.0, env.transform
     for one in getattr(chain, "transforms", ()):
         if isinstance(one, RewardScaling):
@@ -132,7 +132,7 @@ class RunningNorm(Transform):
         limit: deviations beyond which an entry is cut.
         hold: steps for which the mean and deviation that are applied stay the same; with the length
             of a batch, its values and returns are of one normalization. Entries pass as they are
-            until so many steps were taken. 1 renews them at each step.
+            for this number of steps. 1 renews them at each step.
 
     In evaluation mode (`eval()`) the statistics stay as they are, and the newest are applied.
 
@@ -161,7 +161,7 @@ class RunningNorm(Transform):
         self._newest: dict[str, tuple[Tensor, Tensor]] = {}  # applied in evaluation
 
     def affine(self, key: str = "observation") -> tuple[Tensor, Tensor]:
-        """Return what is subtracted from an entry, and what it is then divided by."""
+        """Return the offset and the scale applied to an entry: (value - offset) / scale."""
         return self.moments[key].mean, self.moments[key].std
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
@@ -211,7 +211,7 @@ class RunningNorm(Transform):
         return observation_spec
 
     def get_extra_state(self) -> dict[str, Any]:
-        """Return what was seen, and what is applied."""
+        """Return the running statistics, and those that are applied."""
         seen = {key: one.state() for key, one in self.moments.items()}
         return {**seen, "steps": self._steps, "held": dict(self._held)}
 
@@ -273,7 +273,7 @@ class RewardScaling(Transform):
         return observation_spec
 
     def get_extra_state(self) -> dict[str, Any]:
-        """Return what was seen, and what runs."""
+        """Return the return's statistics, and the running returns."""
         return {"moments": self.moments.state(), "running": self._running}
 
     def set_extra_state(self, state: dict[str, Any]) -> None:

@@ -39,7 +39,7 @@ Try = Callable[[Distribution, str], float]  # a distribution, the name of its fo
 
 
 class BayRn:
-    """See the module's text.
+    """Bayesian optimization over distributions, scored on the robot.
 
     Args:
         first: distributions that are spread evenly, before the process says anything.
@@ -80,7 +80,7 @@ class BayRn:
 
 
 class Session:
-    """One search, a distribution at a time; what it asks follows from its seed and what it is told.
+    """One search, a distribution at a time; deterministic given its seed and the reported values.
 
     Args:
         recipe: how.
@@ -95,12 +95,12 @@ class Session:
 
     @property
     def tried(self) -> list[Distribution]:
-        """The distributions whose values were told, in their order."""
+        """The distributions whose values were reported, in their order."""
         return [self._meant(point) for point in self._points[: len(self.values)]]
 
     @property
     def expected(self) -> np.ndarray:
-        """What the process expects of each distribution that was tried, (n,)."""
+        """The process's prediction for each distribution that was tried, (n,)."""
         return expected(self._points[: len(self.values)], np.array(self.values))
 
     @property
@@ -133,16 +133,18 @@ class Session:
         """Report what the policy earned on the robot, the mean of its episodes.
 
         Raises:
-            Sim2RealError: a value that is not finite, or one that nobody asked for.
+            Sim2RealError: a value that is not finite, or one that was not asked for.
         """
         if len(self.values) >= len(self._points):
-            raise Sim2RealError("bayrn: a value was told that nobody asked for; call ask() first")
+            raise Sim2RealError(
+                "bayrn: a value was reported before it was asked for; call ask() first"
+            )
         if not math.isfinite(value):
             raise Sim2RealError(f"bayrn: a return must be a finite number, got {value}")
         self.values.append(float(value))
 
     def state_dict(self) -> dict[str, Any]:
-        """Return what was asked and told, as JSON holds it."""
+        """Return the points asked and the values reported, as JSON holds them."""
         return {"seed": self._seed, "points": self._points.tolist(), "values": self.values}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -173,7 +175,7 @@ def search(session: Session, attempt: Try, folder: Path) -> Session:
     """Try distributions until all rounds are done, from where a search in this folder stopped.
 
     Args:
-        session: asks and is told.
+        session: asks for distributions and receives their values.
         attempt: trains under a distribution, in a folder of that name, and returns what the policy
             earned on the robot.
         folder: gets NN/distribution.yaml of each round, bayrn.json after each, and in the end
@@ -199,11 +201,11 @@ def table(session: Session) -> Table:
     """Return a line for each distribution that was tried."""
     names = session.prior.names
     made = Table(("round", "return on the robot", "expected", *names))
-    for number, (value, told, one) in enumerate(
+    for number, (value, predicted, one) in enumerate(
         zip(session.values, session.expected, session.tried, strict=True), start=1
     ):
         laws = [f"{law.mean:.3g} ± {law.std:.2g}" for law in one.laws]
-        made.add(f"{number:02d}", value, float(told), *laws)
+        made.add(f"{number:02d}", value, float(predicted), *laws)
     made.notes.append(
         f"Round {session.best + 1:02d} is best: there the Gaussian process of the returns expects "
         "most. Parameters: mean ± standard deviation of the normal law, cut at the prior's ends."

@@ -51,11 +51,11 @@ WORDS: dict[End, str] = {
 
 @dataclass(frozen=True)
 class SearchBudget:
-    """How long a robot may move, and how hard a motion is looked for."""
+    """The robot's time budget, and the effort of the search for motions."""
 
     budget: float  # s of robot time in all
     draws: int = 48  # motions that are drawn for each design, besides the menu's
-    exact: int = 3  # of so many of the best, refits are simulated until they settle
+    exact: int = 3  # number of the best motions whose refits are simulated until they settle
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Round:
 
 @dataclass(frozen=True)
 class Investigation:
-    """How an investigation ended."""
+    """The result of an investigation."""
 
     end: End  # why it ended, see `WORDS`
     rounds: tuple[Round, ...]  # one a recording
@@ -100,7 +100,7 @@ class Investigation:
             causes = ", ".join(one.causes) or "–"
             table.add(one.name, one.seconds, one.promised, one.verdict, causes, left)
         table.notes.append(f"{self.seconds:g} s of robot time; {WORDS[self.end]}.")
-        table.write(out / "investigate", "What each recording told")
+        table.write(out / "investigate", "What each recording showed")
 
 
 def investigate(
@@ -166,11 +166,13 @@ def investigate(
         chosen = plan if isinstance(plan, Experiment) else None
         apart = chosen.most if chosen and end == "not_parted" else None
         looked_at = len(chosen.ranking) if chosen else 0
-        told = Investigation(end or "budget", tuple(rounds), spent, apart, looked_at, found.report)
-        told.write(out)
-        log_.info("%s", _line(told, chosen if end is None else None))
+        result = Investigation(
+            end or "budget", tuple(rounds), spent, apart, looked_at, found.report
+        )
+        result.write(out)
+        log_.info("%s", _line(result, chosen if end is None else None))
         if end is not None or chosen is None:
-            return told
+            return result
         item, promised = chosen.item, chosen.separation
 
 
@@ -201,10 +203,10 @@ def _round(item: Item | None, promised: float | None, found: Diagnosis) -> Round
     )
 
 
-def _line(told: Investigation, design: Experiment | None) -> str:
+def _line(result: Investigation, design: Experiment | None) -> str:
     """Return a round in a sentence."""
-    last = told.rounds[-1]
-    text = f"round {len(told.rounds)}, {told.seconds:g} s of robot time: {last.verdict}"
+    last = result.rounds[-1]
+    text = f"round {len(result.rounds)}, {result.seconds:g} s of robot time: {last.verdict}"
     if design is not None:
         return f"{text}; {len(last.left)} explanations are left; next: {design.item.name}"
-    return f"{text}; {WORDS[told.end]}"
+    return f"{text}; {WORDS[result.end]}"

@@ -1,1 +1,1 @@
-"""What every run leaves behind: checkpoints, metrics, tables, figures, films, its manifest."""
+"""Output of every run: checkpoints, metrics, tables, figures, films, its manifest."""

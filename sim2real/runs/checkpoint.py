@@ -37,7 +37,7 @@ _SCORE = "score"
 
 
 class Stateful(Protocol):
-    """What can be saved: its state is plain data, which `encode` lists."""
+    """An object that can be saved: its state is plain data, which `encode` lists."""
 
     def state_dict(self) -> dict[str, Any]:
         """Return all that its future depends on."""
@@ -267,15 +267,15 @@ def run_folder(checkpoint: Path) -> Path:
 
 
 def read_metadata(path: str | Path) -> dict[str, Any]:
-    """Return what a checkpoint says about itself, without its state.
+    """Return a checkpoint's description, without its state.
 
     Raises:
-        CheckpointError: for a file that is no checkpoint, or a damaged one.
+        CheckpointError: for a file that is not a checkpoint, or a damaged one.
     """
     path = find(path)
     if path.suffix != ".torchrl":
         raise CheckpointError(
-            f"{path} is no checkpoint of this program; they are named checkpoint-*.torchrl"
+            f"{path} is not a checkpoint of this program; they are named checkpoint-*.torchrl"
         )
     try:
         return dict(Checkpoint.manifest(path)["metadata"])

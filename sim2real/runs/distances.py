@@ -1,4 +1,4 @@
-"""How far apart two samples are, where nothing belongs to anything: kernels and slices.
+"""Distances of two unpaired samples: kernels and slices.
 
     pool = PooledSamples(samples, group, rng)            # (N, F) in E groups, such as episodes
     pool.wasserstein(first, second)             # weights of the groups, (E,) each

@@ -1,4 +1,4 @@
-"""What a user can get wrong above the simulated worlds, and how a run says that it was stopped."""
+"""Errors that a user can cause, and the interruption of a run."""
 
 import errno
 
@@ -21,11 +21,11 @@ class DamagedCheckpointError(CheckpointError):
 class DiskError(Sim2RealError):
     """A file of the run could not be written, such as on a full disk."""
 
-    USUAL = (*NO_ROOM, *NO_FOLDER)  # what the file system says that a user can mend
+    USUAL = (*NO_ROOM, *NO_FOLDER)  # errors of the file system that a user can remedy
 
     @staticmethod
     def remedy(error: OSError) -> str:
-        """Return what can be done about an error of the file system."""
+        """Return the remedy for an error of the file system."""
         if error.errno in NO_ROOM:
             return "free some space"
         return "name a folder that can be written, with out=FOLDER, or make this one writable"

@@ -50,7 +50,7 @@ STYLE: dict[Any, Any] = {
     "savefig.facecolor": "white",
 }
 DPI = 150
-METRICS = {"kl": "KL divergence (nat)"}  # what is no word
+METRICS = {"kl": "KL divergence (nat)"}  # labels other than the name
 LOGARITHMIC = ("train/kl",)  # sizes that lie decades apart
 WORDS = {"link_mass": "mass", "ground_friction": "ground friction coefficient"}
 

@@ -1,7 +1,7 @@
 """Files that are whole or absent, and folders that several programs share.
 
-A file is written beside its name, then moved into place (`hardware.files.atomic_write`); so is a
-folder whose being there says that a step is done.
+A file is written under a temporary name next to its own, then moved into place
+(`hardware.files.atomic_write`); so is a folder whose being there says that a step is done.
 """
 
 import os
@@ -25,7 +25,7 @@ def write_text(path: str | Path, text: str) -> Path:
 
 @contextmanager
 def atomic_folder(path: str | Path) -> Iterator[Path]:
-    """Yield a new folder beside `path`; move it there if the block ends well, else remove it.
+    """Yield a new folder next to `path`; move it there if the block ends well, else remove it.
 
     What a process that was killed left of the same folder is removed first.
     """

@@ -1,10 +1,10 @@
-"""Where metrics go besides metrics.csv: TensorBoard, Weights & Biases, MLflow, by TorchRL.
+"""Loggers in addition to metrics.csv: TensorBoard, Weights & Biases, MLflow, by TorchRL.
 
     with Loggers([TensorBoard()]).opened(out, config={"seed": 0}) as loggers:
         loggers.log({"train/return": 12.5}, step=1)
 
 `metrics.csv` (see `sim2real.runs.metrics`) is the record that a resumed run continues without a
-seam; these are views of it. A resumed run has a folder, and so a view, of its own, which
+seam; these are views of it. A resumed run has its own folder, and so its own view, which
 starts at the step where it goes on.
 """
 
@@ -46,7 +46,7 @@ class Logger(ABC):
 
         Args:
             out: the run's folder; its last three parts name the run.
-            config: what the run was started with, to be shown beside its metrics.
+            config: what the run was started with, to be shown with its metrics.
 
         Raises:
             LoggerError: when the service cannot be used.
@@ -192,6 +192,6 @@ class Loggers:
 
 
 def _plain(config: Mapping[str, Any]) -> dict[str, bool | int | float | str]:
-    """Return settings by dotted name; what is no number, text or truth becomes text."""
+    """Return settings by dotted name; what is not a number, text or truth becomes text."""
     items = flatten(config).items()
     return {k: v if isinstance(v, bool | int | float | str) else str(v) for k, v in items}

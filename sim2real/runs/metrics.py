@@ -4,7 +4,7 @@
     metrics.write({"train/iteration": 1, "train/return": 12.5})
     metrics.cut("train/iteration", 1)        # after a crash: forget what came after the checkpoint
 
-What a clock says is in `timing.csv` beside it, so that `metrics.csv` of a resumed run equals that
+Times are in `timing.csv` next to it, so that `metrics.csv` of a resumed run equals that
 of an uninterrupted one byte for byte.
 """
 

@@ -1,4 +1,4 @@
-"""What a person sees of a running job: a bar in a terminal, a line now and then elsewhere.
+"""The progress of a running job: a bar in a terminal, a line now and then elsewhere.
 
     with Progress(total=200, unit="iteration", done=0) as progress:
         progress.update(10, frames=81920, score=812.4)

@@ -1,4 +1,4 @@
-"""What a run keeps in its folder while it trains: metrics.csv, timing.csv and checkpoints.
+"""Files of a run while it trains: metrics.csv, timing.csv and checkpoints.
 
     files = RunFiles(out, identity(learner, env), checkpoint_every=10, keep_checkpoints=3)
     files.begin(learner, source=None)
@@ -29,7 +29,7 @@ PACKAGES = ("mujoco", "numpy", "torch")
 
 
 class Checkpointable(Stateful, Protocol):
-    """What a run saves, and how far it is; an `Algorithm` is one."""
+    """An object with state and progress to save; an `Algorithm` is one."""
 
     frames: int
     iteration: int

@@ -1,7 +1,7 @@
 """The verb `blindcheck`: hide effects, diagnose the logs without knowing them, score the answers.
 
 Cases come in blocks: all of a block are made and sealed before the first one is diagnosed. Each
-diagnosis is a process of its own that is given one folder of `logs/`. Only then are the keys of
+diagnosis is a separate process that receives one folder of `logs/`. Only then are the keys of
 the answered cases read, and checked against the hashes that were written with the logs.
 """
 
@@ -16,7 +16,7 @@ from sim2real.exam.hold import LOGS, Examiner, hold
 def run(*, exam: Examiner, seed: int, resume: str | None, out: Path) -> Sequence[Any]:
     """Make, diagnose and score an exam; what is there already is not made again.
 
-    Several of these programs may work on one exam; whoever is last scores it.
+    Several of these programs may work on one exam; the last one scores it.
 
     Args:
         exam: which cases; with `most: 0` none is made, and those answered are scored.

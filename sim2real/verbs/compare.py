@@ -37,13 +37,13 @@ def run(
         before: logs of the robot as it was: a log, a folder, or a list of these.
         after: logs of the robot as it is.
         units: of a fleet, in place of the two: a log or folder for each robot.
-        ci: a robot_ci.yaml (docs/compare.md), which says `before` and all others but `after`; what
-            is given beside it holds.
+        ci: a robot_ci.yaml (docs/how-to/compare_recordings.md), which gives `before` and all others
+            but `after`; other arguments take precedence.
         model: an MJCF for all logs; None takes the one that each log names.
         effects: an effects.yaml of what the robot had before; None fits what both sides share.
         watch: names of effects that may change; empty for the usual ones.
         limits: by effect, how much of a change passes, in its unit.
-        remounted: whether the robot may have been mounted anew in between.
+        remounted: whether the robot may have been remounted in between.
         seed: of the permutations.
         out: the run's folder; gets compare.json and compare.html.
 

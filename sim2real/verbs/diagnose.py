@@ -1,6 +1,7 @@
 """The verb `diagnose`: which unmodelled effect separates a robot's logs from its simulation."""
 
 import logging
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,10 +13,12 @@ from sim2real.diagnosis.data.progress import ProgressLines
 from sim2real.diagnosis.diagnose import run_diagnosis
 from sim2real.diagnosis.outcome import Diagnosis, final_message, write
 from sim2real.diagnosis.report.comparison import read_report
+from sim2real.diagnosis.report.terminal import format_verdict
 from sim2real.diagnosis.report.text import format_effect, place_of
 from sim2real.diagnosis.schema import Report
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.manifest import command_line
+from sim2real.runs.terminal import has_colours
 
 log_ = logging.getLogger(__name__)
 
@@ -38,8 +41,8 @@ def run(
         model: an MJCF for all logs; None takes the one that each log names.
         effects: an effects.yaml of what is known already; put into the model first.
         exclude: names of effects that are left out of the candidates.
-        against: an earlier diagnosis, its folder or report.json; comparison.html sets it beside
-            this one. None for none.
+        against: an earlier diagnosis, its folder or report.json; comparison.html compares both.
+            None for none.
         actor: the policy that wrote the log: a run, a checkpoint, or an export; None for the one
             that the log names, if any. It plays in the corrected simulator.
         seed: the seed of the bootstrap.
@@ -88,6 +91,7 @@ def run(
     gap = found.report.gap
     names = ", ".join(format_effect(*place_of(cause)) for cause in found.report.values)
     log_.info("%s: %s; gap %.4g %s", found.report.verdict, names or "-", gap.before, gap.unit)
+    sys.stdout.write(f"\n{format_verdict(found.report, has_colours(sys.stdout))}\n")
     for words in final_message(found.report):
         log_.warning("%s", words)
     return found.report

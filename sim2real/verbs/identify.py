@@ -47,7 +47,7 @@ def run(
         identify: the method; its provider, score and search are its own.
         seed: all randomness follows from it.
         checkpoint: the training whose policy made the logs, for a provider that rolls out.
-        resume: the folder of a run to go on from, all other keys the same; None starts anew.
+        resume: the folder of a run to go on from, all other keys the same; None starts a new one.
         out: the run's folder; gets distribution.yaml, table.md, table.csv, identify.json and
             plots/parameters.png, each whole or absent.
 
@@ -84,7 +84,7 @@ def run(
 def _world(
     checkpoint: str | list[str], prior: Distribution, fixed: Sequence[Fixed], seed: int
 ) -> PolicySimulation:
-    """Return what rollouts need: the checkpoint's policy in the simulator that it was trained in.
+    """Return the checkpoint's policy in the simulator that it was trained in, for rollouts.
 
     It draws its actions, as EASI's does. This imports torch.
     """

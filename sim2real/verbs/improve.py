@@ -103,7 +103,7 @@ def run(
         How it ended; its `exit_status` is that of the process.
 
     Raises:
-        Sim2RealError: a policy, a robot and settings that do not fit, a target beside a port or
+        Sim2RealError: a policy, a robot and settings that do not fit, a target given with a port or
             logs, or a real robot that was not armed, before anything moves.
         HardwareError: a robot that is not as its file says.
         RunInterrupted: after Ctrl-C; torque is off, and what was done is on disk.
@@ -147,10 +147,10 @@ def run(
     absent = bool(logs) and isinstance(site, RobotSetup) and site.absent
     plan = Plan(rounds, tolerance, rollouts, logs, absent)
     first = load_trained(checkpoint, parts, algorithm)
-    told = improve(site, parts, training, first, plan, folder)
-    if told.story.rounds:
-        log_.info("%s", told.story.table().markdown())
-    return told
+    outcome = improve(site, parts, training, first, plan, folder)
+    if outcome.story.rounds:
+        log_.info("%s", outcome.story.table().markdown())
+    return outcome
 
 
 def _recordings(log: str | list[str] | None, model: str | None) -> list[Log]:

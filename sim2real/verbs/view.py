@@ -55,7 +55,7 @@ def run(
     seed: int,
     out: Path,
 ) -> Path | None:
-    """Show the emulated robot, or a log beside its simulation.
+    """Show the emulated robot, or a log next to its simulation.
 
     Args:
         parts: what trains the policy: environment, tasks, transforms, policy, adaptation, ...; like

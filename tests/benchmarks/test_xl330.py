@@ -65,4 +65,4 @@ def test_without_logs_it_is_skipped(capsys, monkeypatch) -> None:
     """It says where logs are, and fails nothing."""
     monkeypatch.delenv("SIM2REAL_DATA", raising=False)
     assert main([]) == 0
-    assert "docs/logs.md" in capsys.readouterr().err
+    assert "docs/explanation/evidence.md" in capsys.readouterr().err

@@ -154,7 +154,7 @@ def test_a_simulation_of_another_robot_is_refused() -> None:
         ({"wrong_root": 1}, "unknown key 'wrong_root'"),
         (
             {"joint": [[1.0, 0.8], [0.7, 1.0]]},
-            "joint is no correlation matrix: it is not symmetric",
+            "'joint' is not a correlation matrix: it is not symmetric",
         ),
         ({"joint": [[1.0, 1.8], [1.8, 1.0]]}, "contradict each other"),
         ({"joint": [[2.0, 0.8], [0.8, 1.0]]}, "its diagonal is not 1"),

@@ -55,7 +55,7 @@ def test_a_urdf_swings_and_is_driven(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("actuators", "sentence"),
     [
-        (None, r"write arm.actuators.yaml beside it"),
+        (None, r"write arm.actuators.yaml next to it"),
         ("", "a table of actuators is needed"),
         ("sholder: {kp: 20}", r"no joint 'sholder'.*did you mean 'shoulder'"),
         ("shoulder: {kP: 20}", "no key 'kP'"),
@@ -140,3 +140,60 @@ def test_a_mesh_that_matters_is_missed(tmp_path: Path, shell: str, sentence: str
     path.write_text(MJCF.format(shell=shell))
     with pytest.raises(TaskError, match=rf"arm.xml: the mesh 'shell.stl' is missing.*{sentence}"):
         load_spec(path)
+
+
+def test_a_picture_of_the_world_weighs_nothing(tmp_path: Path) -> None:
+    """A mesh that is not there is left out of the ground as well, where nothing touches it."""
+    path = tmp_path / "arm.xml"
+    table = '<geom type="mesh" mesh="shell" contype="0" conaffinity="0"/></worldbody>'
+    path.write_text(
+        MJCF.format(shell='contype="0" conaffinity="0" mass="0"').replace("</worldbody>", table)
+    )
+    assert load_spec(path).compile().ngeom == 1
+
+
+def test_a_part_of_a_model_is_named_as_one(tmp_path: Path) -> None:
+    """A file that others include has another root."""
+    path = tmp_path / "motors.xml"
+    for root in ("mujocoinclude", "default"):
+        path.write_text(f"<{root}><actuator/></{root}>")
+        with pytest.raises(TaskError, match=r"a part that other files include: give the whole"):
+            load_spec(path)
+
+
+def test_joints_without_names_go_by_their_bodies(tmp_path: Path) -> None:
+    """A base that floats has none in most models; what has a name keeps it."""
+    path = tmp_path / "robot.xml"
+    leg = '<body><joint/><geom size="0.1"/><body name="foot"><joint name="trunk"/><geom size="1"/>'
+    path.write_text(
+        '<mujoco><worldbody><body name="base"><freejoint/><geom size="0.1"/>'
+        f"{leg}</body></body></body></worldbody></mujoco>"
+    )
+    model = load_spec(path).compile()
+    assert [model.joint(i).name for i in range(model.njnt)] == ["base", "joint1", "trunk"]
+
+
+@pytest.mark.parametrize(
+    ("mass", "inertia", "moments"),
+    [
+        ("0.03", 'ixx="0.00012" iyy="0.00012" izz="0.00000"', [1.2e-4, 1.2e-4, 1.2e-8]),
+        ("1e-6", " ".join(f'i{a}="1e-6"' for a in ("xx", "xy", "xz", "yy", "yz", "zz")), None),
+        ("0.03", 'ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="2e-4"', "principal moments are -0.0001,"),
+    ],
+    ids=["rounded away", "a frame", "a wrong sign"],
+)
+def test_an_inertia_that_is_not_positive(
+    tmp_path: Path, mass: str, inertia: str, moments: list | str | None
+) -> None:
+    """Rounded or a placeholder's it is made positive; that of no body is named with its line."""
+    path = urdf(tmp_path, "shoulder: {kp: 20.0}")
+    link = f'<inertial><mass value="{mass}"/><inertia {inertia}/></inertial></link>'
+    text = URDF.replace('<link name="base"/>', f'<link name="base">{link}')
+    path.write_text(text)
+    if isinstance(moments, str):
+        with pytest.raises(TaskError, match=rf"arm.urdf, line 2: .*link 'base'.*{moments}"):
+            load_spec(path)
+        return
+    found = load_spec(path).compile().body("base").inertia
+    assert (found > 0).all()
+    assert moments is None or sorted(found) == pytest.approx(sorted(moments))

@@ -272,3 +272,18 @@ def test_a_broken_row_leaves_the_others_alone() -> None:
     arm.reset(np.array([1]), np.full((1, 1), 0.1), np.zeros((1, 1)), seeds[:1])
     assert not arm.step(np.array([1]), np.zeros((1, 1)), 4).any()
     assert arm.qpos[1] == clean.qpos[1]
+
+
+def test_a_model_that_sleeps_is_simulated_awake() -> None:
+    """Sleeping remembers more than a state; what else does is refused by its name."""
+    asleep = ARM.replace("/><worldbody>", '><flag sleep="enable"/></option><worldbody>')
+    paths = []
+    for text in (asleep, ARM):
+        rows = Plant(mujoco.MjSpec.from_string(text), (), 2, 1)
+        rows.reset(np.arange(2), np.zeros((2, 1)), np.zeros((2, 1)), np.zeros(2, np.uint64))
+        rows.step(None, np.full((2, 1), 0.5), 50)
+        paths.append(rows.qpos.copy())
+    assert np.array_equal(*paths)
+    other = asleep.replace("sleep", "ipc").replace("<option", '<option integrator="discrete"')
+    with pytest.raises(TaskError, match=r'<flag ipc="enable"/>, whose contacts remember'):
+        Plant(mujoco.MjSpec.from_string(other), (), 2, 1)

@@ -1,6 +1,6 @@
 """Faults times phases of a program that drives a robot: is torque off afterwards, and who was told?
 
-    python -m tests.hardware.fault_matrix           # writes the table into docs/hardware.md
+    python -m tests.hardware.fault_matrix       # writes the table of docs/explanation/safety.md
 
 `in_virtual_time` and `over_a_pty` run one cell each and return its `Outcome`; the tests of
 `test_fault_matrix.py` assert every cell of both.
@@ -39,7 +39,7 @@ from tests.hardware.conftest import bench_data, many_benches
 from tests.hardware.fault_proxy import FaultyPort, Link, PtyProxy
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "hardware.md"
+PAGE = ROOT / "docs" / "explanation" / "safety.md"
 BEGIN, END = "<!-- fault matrix -->\n", "<!-- end of the fault matrix -->\n"
 PHASES = {"arming": 21, "motion": 20, "parking": 6, "torque-off": 2}  # writes before the fault
 SECONDS = {"arming": 0.03, "motion": 0.5, "parking": 0.2, "torque-off": 0.0}  # over a pty

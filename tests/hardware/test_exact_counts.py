@@ -1,4 +1,4 @@
-"""Faults of docs/hardware.md once more: what is counted, when it ends, how it is left.
+"""Faults of benchmarks/notebook/servos.md once more: what is counted, when it ends, how it is left.
 
 Those of programs that end or are late are in `test_exact_ends.py`.
 

@@ -1,6 +1,6 @@
 """Programs that are late, end or die, and joints that mislead: exact counts and states.
 
-The numbers are those of the list in docs/hardware.md.
+The numbers are those of the list in benchmarks/notebook/servos.md.
 """
 
 import itertools

@@ -39,7 +39,7 @@ def test_the_formula(activation, squash):
 
 def test_what_makes_no_policy_is_refused():
     """Unknown nonlinearities, layers that do not fit, another schema, actions that differ."""
-    with pytest.raises(PolicyError, match="sigmoid and clip, are no policy"):
+    with pytest.raises(PolicyError, match="sigmoid and clip, are not a policy"):
         policy("sigmoid", "clip")
     with pytest.raises(PolicyError, match=r"layers of \[2\] inputs"):
         policy("tanh", "clip", layers=1)

@@ -27,7 +27,7 @@ ALLOWED = {
 @CELLS
 @pytest.mark.parametrize("phase", PHASES)
 def test_in_virtual_time(tmp_path, fault, phase):
-    """Each cell, over the emulated bus; it is the one of the table in docs/hardware.md."""
+    """Each cell, over the emulated bus; as the table of docs/explanation/safety.md says."""
     outcome = in_virtual_time(fault, phase, tmp_path)
     cell = outcome.cell(fault)
     assert outcome.struck

@@ -1,6 +1,6 @@
 """What goes wrong with servos, hosts and policies: detected, and stopped where it must be.
 
-The numbers are those of the list in docs/hardware.md; 1 to 6 are in test_wire_faults.py.
+The numbers are those of benchmarks/notebook/servos.md; 1 to 6 are in test_wire_faults.py.
 """
 
 import sys

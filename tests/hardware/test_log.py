@@ -70,9 +70,15 @@ def test_views():
         ("episode,time,ctrl.a\n0,0,1\n0,1,1\n", r"'qpos.<joint>' is missing"),
         ("episode,time,qpos.a\n0,0,1\n0,1,1\n", r"'ctrl.<actuator>' is missing"),
         ("episod,time,ctrl.a,qpos.a\n0,0,1,1\n", r"'episode' is missing \(did you mean 'episod"),
-        (HEADER + "0,0,1,1\n0,1,nan,1\n", r"row 1 \(line 3\), column 'ctrl.hinge': a command is m"),
+        (
+            HEADER + "0,0,1,1\n0,1,nan,1\n0,2,1,1\n",
+            r"row 1 \(line 3\), column 'ctrl.hinge': a command is m",
+        ),
         (HEADER + "0,0,1,inf\n0,1,1,1\n", r"row 0 \(line 2\), column 'qpos.hinge': inf"),
-        (HEADER + "0,0,1,1\n0,1,,1\n", r"row 1 \(line 3\), column 'ctrl.hinge': a command is m"),
+        (
+            HEADER + "0,0,1,1\n0,1,,1\n0,2,1,1\n",
+            r"row 1 \(line 3\), column 'ctrl.hinge': a command is m",
+        ),
         (HEADER + "0,0,1,1\n0,1,1\n", r"row 1 \(line 3\): 3 cells, but the header names 4"),
         (HEADER + "0,0,1\n0,1,1\n", r"row 0 \(line 2\): 3 cells"),
         (HEADER + "0,0,1,1\n0,1,1,1\n0,0.5,1,1\n", r"row 2 \(line 4\), column 'time': time runs"),

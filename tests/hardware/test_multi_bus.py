@@ -187,7 +187,7 @@ def test_a_servo_that_dies_on_one_bus_stops_all():
         ({"buses": {}}, "there is at least one"),
         ({"buses": {"a": {"baud": 1000000}}}, "the key 'return_delay' is missing"),
         ({"port": "/dev/a"}, "port: '/dev/a' for 2 buses .'dynamixel', 'feetech'.; each has one"),
-        ({"port": ["/dev/a", "/dev/a"]}, "each bus has a port of its own"),
+        ({"port": ["/dev/a", "/dev/a"]}, "each bus needs its own port"),
         ({"port": ["/dev/a", None]}, "no port for 'feetech'; give one for each bus, or for none"),
     ],
 )

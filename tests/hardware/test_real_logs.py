@@ -1,6 +1,6 @@
 """The emulated XL330 against the real one: the published logs, replayed in three models.
 
-Run with `-s` and SIM2REAL_DATA set to see the table of docs/hardware.md.
+Run with `-s` and SIM2REAL_DATA set to see the table of benchmarks/notebook/servos.md.
 """
 
 import os

@@ -69,7 +69,7 @@ def test_factory_servos_one_by_one(chain):
     assert [s.return_delay for s in bench.world.servos] == [0.0] * 3
     assert "servo 2 (hinge2) is missing; connect it alone, a xl330-m288" in bench.asked[2]
     told = "\n".join(bench.told)
-    assert "servo 3 (hinge3): id 1 -> 3: each servo has an ID of its own" in told
+    assert "servo 3 (hinge3): id 1 -> 3: each servo needs its own ID" in told
     assert "servo 3 (hinge3): baud_rate 1 -> 3: 57600 -> 1000000 bits/s" in told
     assert "return_delay_time 250 -> 0: it waits 500 us" in told
     driver = Driver(bench.robot, bench.port, bench.port.clock)

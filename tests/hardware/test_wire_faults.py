@@ -1,6 +1,6 @@
 """What goes wrong on the wire, one test each: counted, survived, and never a wrong value.
 
-The numbers are those of the list in docs/hardware.md.
+The numbers are those of the list in benchmarks/notebook/servos.md.
 """
 
 import numpy as np

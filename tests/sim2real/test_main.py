@@ -79,22 +79,6 @@ def test_a_sweep_numbers_its_folders(run: Run, tmp_path: Path, launcher: list[st
     assert all((folder / "metrics.csv").exists() for folder in found)
 
 
-@pytest.mark.slow
-def test_a_sweep_in_two_processes_gives_the_same_numbers(run: Run, tmp_path: Path) -> None:
-    """The joblib launcher's workers compute what one process does."""
-    assert run("-m", *TINY, "seed=0,1") == 0
-    one = [folder / "metrics.csv" for folder in folders(tmp_path)]
-    command = [sys.executable, "-m", "sim2real", "-m", *TINY, "seed=0,1", "hydra/launcher=joblib"]
-    other = tmp_path / "other"
-    other.mkdir()
-    environment = os.environ | {"PYTHONPATH": str(Path(entry.__file__).resolve().parents[1])}
-    subprocess.run([*command, "hydra.launcher.n_jobs=2"], cwd=other, env=environment, check=True)
-    two = [folder / "metrics.csv" for folder in folders(other)]
-    assert [path.read_text() for path in two] == [
-        p.read_text() for p in one if other not in p.parents
-    ]
-
-
 def fails_with(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let every verb fail in this way."""
 
@@ -189,11 +173,11 @@ def test_broken_yaml_of_a_user_is_a_sentence(run: Run, tmp_path: Path, capsys) -
     (tmp_path / "mine" / "experiment").mkdir(parents=True)
     (tmp_path / "mine" / "experiment" / "bad.yaml").write_text("a: [1\n b: {")
     assert run("--config-dir", "mine", "+experiment=bad") == 2
-    assert re.search(r"no YAML: .*bad\.yaml.*line 2", capsys.readouterr().err)
+    assert re.search(r"invalid YAML: .*bad\.yaml.*line 2", capsys.readouterr().err)
     (tmp_path / "mine" / "robot").mkdir()
     (tmp_path / "mine" / "robot" / "broken.yaml").write_text("rate: [1\n b: {")
     assert run("record", "robot=broken", "--config-dir", "mine") == 2
-    assert re.search(r"no YAML: .*broken\.yaml.*line 2", capsys.readouterr().err)
+    assert re.search(r"invalid YAML: .*broken\.yaml.*line 2", capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("value", ["-1", "nan"])
@@ -283,3 +267,19 @@ def test_a_log_file_on_a_full_disk_is_no_traceback(run: Run, monkeypatch, capsys
     monkeypatch.setattr(logging.FileHandler, "emit", full)
     assert run("record", "bench1", "seconds=1.0", "motions=[ramp]") == 0
     assert "Logging error" not in capsys.readouterr().err
+
+
+def test_a_page_is_viewed_without_a_run(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`view PAGE.html` opens the file, makes no folder, and takes one page alone."""
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", lambda url: bool(opened.append(url)) or True)
+    (tmp_path / "report.html").touch()
+    assert run("view", "report.html") == 0
+    assert opened == [(tmp_path / "report.html").as_uri()]
+    assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
+    assert run("view", "report.html", "seed=1") == 2
+    assert run("view", "other.html") == 2
+    assert "there is no page other.html" in capsys.readouterr().err
+    assert len(opened) == 1

@@ -29,6 +29,10 @@ class mjtCamera(_Enum):
 class mjtCatBit(_Enum):
     mjCAT_ALL: mjtCatBit
 
+class mjtEnableBit(_Enum):
+    mjENBL_SLEEP: mjtEnableBit
+    mjENBL_IPC: mjtEnableBit
+
 class mjtDisableBit(_Enum):
     mjDSBL_CONTACT: mjtDisableBit
     mjDSBL_ACTUATION: mjtDisableBit

@@ -67,6 +67,7 @@ class MjModel:
     dof_M0: _Floats
     dof_armature: _Floats
     dof_bodyid: _Ints
+    dof_jntid: _Ints
     dof_damping: _Floats
     dof_frictionloss: _Floats
     dof_invweight0: _Floats
@@ -240,6 +241,7 @@ class MjData:
 class MjOption:
     disableactuator: _Int
     disableflags: _Int
+    enableflags: _Int
     gravity: _Floats
     integrator: _Int
     iterations: _Int

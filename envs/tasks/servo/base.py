@@ -75,8 +75,8 @@ class ServoTask(Task):
         steps = 1.0 / (self.machine.rate * TIMESTEP)
         if round(steps) < 1 or abs(steps - round(steps)) > 1e-9:
             raise TaskError(
-                f"{self.machine.name}: a rate of {self.machine.rate} per second is no whole number"
-                f" of physics steps of {TIMESTEP} s; choose a divisor of {1 / TIMESTEP:.0f}"
+                f"{self.machine.name}: a rate of {self.machine.rate} per second is not a whole "
+                f"number of physics steps of {TIMESTEP} s; choose a divisor of {1 / TIMESTEP:.0f}"
             )
         self.frame_skip = round(steps)
         self.max_steps = round(seconds * self.machine.rate)
@@ -118,7 +118,7 @@ class ServoTask(Task):
         return other
 
     def fixed(self) -> Sequence[tuple[Effect, Sequence[float]]]:
-        """Return what readings go through, and a slow voltage where the registers ask for it."""
+        """Return the servos' effects on readings, and a slow voltage if the registers set one."""
         if self.fidelity == "ideal":
             return ()
         machine = self.machine
@@ -232,7 +232,7 @@ def settled_pose(model: mujoco.MjModel) -> np.ndarray:
 
 
 def commanded(state: State) -> CommandState:
-    """Return what was commanded; raises TaskError for a state that does not say."""
+    """Return the command; raises TaskError for a state without one."""
     if state.command is None:
         raise TaskError(
             "a servo task needs the time, the last action and the last goals: give State.command"

@@ -17,7 +17,7 @@ FREQUENCIES = (0.31, 0.23, 0.41, 0.37, 0.47, 0.29)  # 1/s, in turn: no two joint
 
 
 class Follow(ServoTask):
-    """Each joint of an arm follows a sine of its own about its pose at home.
+    """Each joint of an arm follows its own sine about its pose at home.
 
     Observation (4 n,) of n servos: angles [rad], speeds [rad/s], where they shall be one control
     step later [rad], and the last action. Action (n,): by how much the goals lead that [rad],

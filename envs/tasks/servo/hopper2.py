@@ -87,7 +87,7 @@ class Hopper2(ServoTask):
         return self.height(state) < self.lowest
 
     def reward(self, before: State, after: State, action: Array, terminated: Array) -> Array:
-        """Return what distance or height is worth, less the energy's price, (n,)."""
+        """Return the reward for distance or height, less the cost of energy, (n,)."""
         if self.goal == "distance":
             speed = (after.qpos[:, 0] - before.qpos[:, 0]) / self.dt
             gain = self.xp.clip(speed, None, self.fastest)

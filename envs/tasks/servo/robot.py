@@ -1,4 +1,4 @@
-"""What a task needs to know of a servo robot, from the file that its driver reads too.
+"""A servo robot's properties for a task, from the file that its driver reads, too.
 
     machine = read_machine("quad8", ["hip_fl", "knee_fl"])
     machine.rate, machine.low, machine.most_step

@@ -4,12 +4,12 @@
     loop = check_closed_loop(logs, player, effects, seed, settings)
     loop.distances[0].corrected, loop.distances[0].floor, loop.verdict
 
-A replay is told the robot's commands. Here the policy gives its own: in the simulator as given, and
-with the effects, each episode with values drawn from their intervals. What encoders and IMU
-measured is compared as a distribution (`measured`), by sliced Wasserstein distance and maximum mean
-discrepancy. The floor is the robot's distance from itself: its episodes are dealt to two halves. So
-that all distances have the same bias, each is between one half of the robot's episodes and as many
-others; the draws of episodes give the intervals (subsampling, Politis and Romano 1994).
+A replay receives the robot's commands. Here the policy computes its own: in the simulator as
+given, and with the effects, each episode with values drawn from their intervals. What encoders and
+IMU measured is compared as a distribution (`measured`), by sliced Wasserstein distance and maximum
+mean discrepancy. The floor is the robot's distance from itself: its episodes are dealt to two
+halves. So that all distances have the same bias, each is between one half of the robot's episodes
+and as many others; the draws of episodes give the intervals (subsampling, Politis and Romano 1994).
 """
 
 from __future__ import annotations
@@ -89,8 +89,8 @@ def closed_loop_of(
     if load_player is None or not (actor or named):
         return None
     if actor is None and len(named) > 1:
-        told = ", ".join(sorted(map(str, named)))
-        raise Sim2RealError(f"the logs are of several policies ({told}); diagnose those of one")
+        policies = ", ".join(sorted(map(str, named)))
+        raise Sim2RealError(f"the logs are of several policies ({policies}); diagnose those of one")
     own = [log for log in logs if "action.0" in log.columns] or list(logs)
     if actor is None:
         own = [log for log in logs if place_of(log, "policy")]
@@ -190,7 +190,7 @@ def _distances(
         first = _weights(dealt[:half], count)
         for name, distance in (("sliced_wasserstein", pool.wasserstein), ("mmd", pool.mmd)):
             rows[name].append([distance(first, _weights(other, count)) for other in others])
-    return tuple(_told(name, np.array(values)) for name, values in rows.items())
+    return tuple(_distance(name, np.array(values)) for name, values in rows.items())
 
 
 def _weights(chosen: np.ndarray, count: int) -> np.ndarray:
@@ -200,7 +200,7 @@ def _weights(chosen: np.ndarray, count: int) -> np.ndarray:
     return found
 
 
-def _told(measure: str, values: np.ndarray) -> Distance:
+def _distance(measure: str, values: np.ndarray) -> Distance:
     """Return the means and intervals of draws, (draws, 2 or 3)."""
     ends = [_interval(column) for column in values.T]
     if values.shape[1] <= FEW:

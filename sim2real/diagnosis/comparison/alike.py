@@ -3,8 +3,8 @@
     response = in_proportion(data, watch, response)
 
 Warm grease takes a tenth off each joint's friction, not the same torque off each. How much friction
-each joint has is what the model says, what both sides have beside it, and what a linear fit to the
-errors that are left adds.
+each joint has is what the model says, what both sides add, and what a linear fit to the errors that
+are left adds.
 """
 
 from __future__ import annotations

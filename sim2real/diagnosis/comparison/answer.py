@@ -96,7 +96,7 @@ class Comparison:
         changes: what changed, the clearest first.
         tolerated: what changed within its limit.
         watched: the change of every effect that was looked at, named or not.
-        shared: what both sides have beside the model.
+        shared: effects that both sides have in addition to the model's.
         confounders: what else may differ.
         untold: effects that these logs cannot show, and why.
         numbers: pieces, whether they are differences of the same motions, RMS before and after.
@@ -141,7 +141,7 @@ class Fleet:
 
     Attributes:
         units: what was found of each, by its name.
-        mean: what all have beside the model.
+        mean: effects that all have in addition to the model's.
     """
 
     units: Mapping[str, Comparison]

@@ -1,4 +1,4 @@
-"""Which effects changed: the clearest is named, and the others are tested again beside it.
+"""Which effects changed: the clearest is named, and the others are tested again with it.
 
     found = find_changes(pieces, columns, excused, rng, settings)
     found.named, found.tests
@@ -34,7 +34,7 @@ class Changes(NamedTuple):
     """What was found."""
 
     named: tuple[Named, ...]
-    every: Tests  # each column beside the named ones and what is excused
+    every: Tests  # each column with the named ones and what is excused
     untold: tuple[int, ...]  # columns that the excused ones make as well
 
 
@@ -63,19 +63,20 @@ def find_changes(
         prior: what is known of the columns of the pieces.
     """
     permuted = Permuted(pieces, rng, limits.draws)
-    beside = [*excused, *known, *pieces.clocks]
-    free = [k for k in range(len(columns)) if k not in (*beside, *ruled_out)]
+    nuisance = [*excused, *known, *pieces.clocks]
+    free = [k for k in range(len(columns)) if k not in (*nuisance, *ruled_out)]
     named: list[Named] = []
-    first = permuted.of(free, beside, limits.alpha, prior)
-    untold = [k for k, told in zip(first.columns, first.told, strict=True) if told < limits.apart]
+    first = permuted.of(free, nuisance, limits.alpha, prior)
+    shares = zip(first.columns, first.own_share, strict=True)
+    untold = [k for k, share in shares if share < limits.apart]
     left = [k for k in free if k not in untold]
     while left and len(named) < limits.changes_max:
-        tests = permuted.of(left, beside, limits.alpha, prior)
+        tests = permuted.of(left, nuisance, limits.alpha, prior)
         best = _clearest(tests, least, limits, len(pieces.curve))
         if best is None:
             break
         near = tests.fall[best] - tests.fall < limits.alike
-        near &= tests.told >= limits.apart
+        near &= tests.own_share >= limits.apart
         alike = [k for k, n in zip(tests.columns, near, strict=True) if n]
         best = _plainest(tests, columns, best, alike)
         column = tests.columns[best]
@@ -83,9 +84,9 @@ def find_changes(
             (k for k in alike if k != column), key=lambda k: -tests.fall[tests.columns.index(k)]
         )
         named.append(Named(column, float(tests.p[best]), tuple(order)))
-        beside.append(column)
+        nuisance.append(column)
         left.remove(column)
-    every = permuted.of([*free, *known], beside, limits.alpha, prior)
+    every = permuted.of([*free, *known], nuisance, limits.alpha, prior)
     return Changes(tuple(named), every, tuple(untold))
 
 
@@ -100,7 +101,7 @@ def _clearest(tests: Tests, least: np.ndarray, limits: Compared, pieces: int) ->
     likely = float(chi2.isf(limits.alpha / len(tests.columns), 1))
     large = np.maximum(limits.worth / np.sqrt(pieces), limits.doubt * tests.others)
     sure = (tests.p <= limits.alpha) & (tests.fall >= likely) & (tests.response >= large)
-    sure &= tests.told >= limits.apart  # the rest is what the named ones make as well
+    sure &= tests.own_share >= limits.apart  # the rest is what the named ones make as well
     sure &= np.abs(tests.value) > least[list(tests.columns)]
     if not sure.any():
         return None

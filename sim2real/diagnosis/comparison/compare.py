@@ -45,7 +45,7 @@ class Prepared(NamedTuple):
 
     data: Data
     simulator: Simulator
-    beside: np.ndarray
+    partner: np.ndarray
     windows: np.ndarray
     motions: Motions
     watch: Watch
@@ -140,7 +140,7 @@ def _told_apart(
     """Return what is said of each robot, the odd ones taken out of what it is compared with.
 
     An odd robot makes all others deviate from a mean that it is part of, but less than it does
-    itself: the one that is farthest off is told first, and no longer counts. Of two that are left
+    itself: the one that is farthest off is named first, and no longer counts. Of two that are left
     and differ, nobody can say which one is odd.
     """
     kept, odd = list(names), {}
@@ -170,8 +170,8 @@ def prepare(
 ) -> Prepared:
     """Replay logs with what they share, and with each watched effect a little larger."""
     motions = pair(logs, settings.compared)
-    data, beside = aligned(Data.of(logs, model, settings), motions)
-    windows = np.flatnonzero(beside == np.arange(len(beside)))
+    data, partner = aligned(Data.of(logs, model, settings), motions)
+    windows = np.flatnonzero(partner == np.arange(len(partner)))
     watch = watched(data, known, names)
     simulator = Simulator(data, watch.fixed)
     if not known:
@@ -180,7 +180,7 @@ def prepare(
     rubs = friction(data, watch, response)
     response = in_proportion(data, watch, response)
     error = errors(simulator, watch, np.arange(len(data.windows)))
-    return Prepared(data, simulator, beside, windows, motions, watch, response, error, rubs)
+    return Prepared(data, simulator, partner, windows, motions, watch, response, error, rubs)
 
 
 def _compared(
@@ -196,19 +196,19 @@ def _compared(
     """Compare two sides; `tests` of them share the probability of a false alarm."""
     data, columns = made.data, made.response.columns
     settings = data.settings.compared
-    beside = confounders(data, columns, before, after, remounted, made.friction)
-    known = [k for k, c in enumerate(columns) if c.option.name == SUPPLY and beside.supply]
+    confounded = confounders(data, columns, before, after, remounted, made.friction)
+    known = [k for k, c in enumerate(columns) if c.option.name == SUPPLY and confounded.supply]
 
     def contrast(error: np.ndarray) -> Pieces:
-        own = (made.beside, made.response, error, made.windows, made.motions, before, after)
+        own = (made.partner, made.response, error, made.windows, made.motions, before, after)
         return contrasts(data, *own)
 
     later = np.array([i for i, w in enumerate(data.windows) if w.log in after], int)
-    aside = [*beside.excused, *known, *beside.little]
+    aside = [*confounded.excused, *known, *confounded.little]
     first = contrast(made.error)
-    ends = _ends(beside, aside, settings.little)
+    ends = _ends(confounded, aside, settings.little)
     own = (made.simulator, made.watch, made.response, made.error, later, aside, ends)
-    pieces, moved = excuse(first, *own, beside.prior, contrast)
+    pieces, moved = excuse(first, *own, confounded.prior, contrast)
     numbers = _numbers(data, first, pieces, settings.alpha / tests)
     inputs = {
         "before": [str(data.logs[k].path or "a log") for k in before],
@@ -217,29 +217,29 @@ def _compared(
         "seed": seed,
         "remounted": remounted,
     }
-    reason = _untellable(pieces, beside, len(columns), settings.blocks_min)
+    reason = _untellable(pieces, confounded, len(columns), settings.blocks_min)
     if reason is not None:
-        rest = (_values(made.watch), beside.told, (), numbers, inputs)
+        rest = (_values(made.watch), confounded.listed, (), numbers, inputs)
         return Comparison("cannot_tell", reason, (), (), (), *rest)
     rng = np.random.default_rng(seed)
     shared = replace(settings, alpha=settings.alpha / tests)
-    asides = (beside.excused, known, beside.ruled_out)
-    prior = beside.prior.after(moved)
-    found = find_changes(pieces, columns, *asides, beside.least, rng, shared, prior)
+    asides = (confounded.excused, known, confounded.ruled_out)
+    prior = confounded.prior.after(moved)
+    found = find_changes(pieces, columns, *asides, confounded.least, rng, shared, prior)
 
     def change(column: int) -> Change:
         limit = limits.get(columns[column].option.name)
         return as_change(columns, found.every, column, limit, moved.get(column, 0.0))
 
-    told = [
+    named = [
         replace(change(one.column), p=one.p, alike=as_alike(columns, one.alike))
         for one in found.named
     ]
-    if beside.supply is not None:
-        told.insert(0, _measured(beside.supply, limits.get(SUPPLY)))
+    if confounded.supply is not None:
+        named.insert(0, _measured(confounded.supply, limits.get(SUPPLY)))
     watched = [change(column) for column in found.every.columns]
-    passed = [c for c in told if c.limit is not None and abs(c.change) <= c.limit]
-    changes = [c for c in told if c not in passed]
+    passed = [c for c in named if c.limit is not None and abs(c.change) <= c.limit]
+    changes = [c for c in named if c not in passed]
     untold = tuple(
         (columns[k].label, "looks like what is put down to temperature or mounting")
         for k in found.untold
@@ -252,7 +252,7 @@ def _compared(
         tuple(passed),
         tuple(watched),
         _values(made.watch),
-        beside.told,
+        confounded.listed,
         untold,
         numbers,
         inputs,
@@ -270,12 +270,12 @@ def _numbers(data: Data, first: Pieces, pieces: Pieces, alpha: float) -> dict[st
     }
 
 
-def _untellable(pieces: Pieces, beside: Found, columns: int, least: int) -> str | None:
+def _untellable(pieces: Pieces, confounded: Found, columns: int, least: int) -> str | None:
     """Return why nobody can tell whether the robot changed; None: one can.
 
     Args:
         pieces: independent ones, of both sides.
-        beside: what is put down to temperature or mounting.
+        confounded: what is put down to temperature or mounting.
         columns: how many changes are watched.
         least: pieces that are needed.
     """
@@ -285,7 +285,7 @@ def _untellable(pieces: Pieces, beside: Found, columns: int, least: int) -> str 
             f"{min(sides)} independent pieces are too few, at least {least} are needed: record "
             "longer, or more often"
         )
-    if len({*beside.excused, *beside.ruled_out}) == columns:
+    if len({*confounded.excused, *confounded.ruled_out}) == columns:
         return (
             "all that was watched is put down to temperature or mounting: log the temperature, "
             "give remounted=false, or watch more"
@@ -293,13 +293,13 @@ def _untellable(pieces: Pieces, beside: Found, columns: int, least: int) -> str 
     return None
 
 
-def _ends(beside: Found, columns: Sequence[int], little: float) -> np.ndarray:
+def _ends(confounded: Found, columns: Sequence[int], little: float) -> np.ndarray:
     """Return the least and the largest change of columns that is put down to others, (2, n)."""
     ends = np.tile([[-np.inf], [np.inf]], len(columns))
     for place, k in enumerate(columns):
-        if k in beside.little:
-            reach = little * beside.prior.spread[k]
-            ends[:, place] = beside.prior.mean[k] - reach, beside.prior.mean[k] + reach
+        if k in confounded.little:
+            reach = little * confounded.prior.spread[k]
+            ends[:, place] = confounded.prior.mean[k] - reach, confounded.prior.mean[k] + reach
     return ends
 
 

@@ -1,7 +1,7 @@
 """What may differ between two sets of logs without the robot having changed.
 
     found = confounders(data, before, after, remounted=True)
-    found.told, found.excused, found.measured
+    found.listed, found.excused, found.supply
 
 Temperature makes grease thin and copper resist, in all joints alike; a robot that was mounted anew
 stands a little askew; a supply has the voltage that it has. Each is asked for and shown. What
@@ -30,7 +30,7 @@ MOUNTING, SUPPLY = "gravity_tilt", "supply_voltage"
 class Found(NamedTuple):
     """The confounders, what is put down to them, and the supply's measured change."""
 
-    told: tuple[Confounder, ...]
+    listed: tuple[Confounder, ...]
     excused: tuple[int, ...]  # columns
     little: tuple[int, ...]  # columns that temperature may have changed a little
     ruled_out: tuple[int, ...]  # columns that a sensor says are as before
@@ -60,7 +60,7 @@ def confounders(
     limits = data.settings.compared
     warm = _medians(data, "temperature", before, after)
     volts = _medians(data, "voltage", before, after)
-    told, excused = [], []
+    listed, excused = [], []
     free, clocks = np.full(len(columns), np.inf), np.full(len(data.joints), limits.clock)
     prior = Prior(np.zeros(len(free) + len(clocks)), np.concatenate([free, clocks]))
     was, now = warm
@@ -88,7 +88,7 @@ def confounders(
         if not excused:
             text += "; this robot has one joint, so friction and strength may be temperature"
             excused += [k for k, c in enumerate(columns) if c.option.name in limits.thermal]
-    told.append(Confounder("temperature", *warm, "°C", text))
+    listed.append(Confounder("temperature", *warm, "°C", text))
     change, same = None, []
     low, high = volts
     if low is None or high is None:
@@ -99,16 +99,16 @@ def confounders(
     else:
         text = "the same supply"
         same = [k for k, c in enumerate(columns) if c.option.name == SUPPLY]
-    told.append(Confounder("supply voltage", *volts, "V", text))
+    listed.append(Confounder("supply voltage", *volts, "V", text))
     tilts = [k for k, c in enumerate(columns) if c.option.name == MOUNTING]
     if tilts and remounted:
         excused += tilts
         text = "may be another (remounted=false if not): a small tilt is put down to it"
     else:
         text = "is the same" if tilts else "cannot show: gravity does not act on what moves"
-    told.append(Confounder("mounting", None, None, "", text))
+    listed.append(Confounder("mounting", None, None, "", text))
     little = tuple(thermal) if alike else ()
-    return Found(tuple(told), tuple(excused), little, tuple(same), least, prior, change)
+    return Found(tuple(listed), tuple(excused), little, tuple(same), least, prior, change)
 
 
 def _least(

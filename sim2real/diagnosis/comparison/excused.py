@@ -81,8 +81,8 @@ def excuse(
 def _fitted(pieces: Pieces, columns: Sequence[int], prior: Prior) -> np.ndarray:
     """Return the changes of columns that explain the pieces best, all together, (n,).
 
-    What the motion does not show is as their prior (n,) has it. How much the pieces count beside it
-    is told from how their slopes scatter at the best fit without it: rows in a row say the same.
+    What the motion does not show follows the prior (n,). The weight of the pieces against it comes
+    from the scatter of their slopes at the best fit without it: consecutive rows are correlated.
     """
     use = np.array(columns)
     curve, down = pieces.curve[:, use[:, None], use], pieces.down[:, use]

@@ -57,25 +57,25 @@ def aligned(data: Data, motions: Motions) -> tuple[Data, np.ndarray]:
     """Give the logs of one motion the windows of its first log.
 
     Returns:
-        The data, and for each window the window of the first log that it stands beside, (W,);
+        The data, and for each window the window of the first log with the same motion, (W,);
         its own number for those of a first log.
     """
     windows: list[Window] = []
-    beside: list[int] = []
+    partner: list[int] = []
     for group in motions:
         first = group[0]
         own = [window for window in data.windows if window.log == first]
         start = len(windows)
         windows += own
-        beside += range(start, start + len(own))
+        partner += range(start, start + len(own))
         for number in group[1:]:
             log = data.logs[number]
             same = same_rows(data.logs[first], log, data.settings.compared)
             for place, window in enumerate(own):
                 if (twin := _twin(data, window, number, same)) is not None:
                     windows.append(twin)
-                    beside.append(start + place)
-    return data.with_windows(windows), np.array(beside)
+                    partner.append(start + place)
+    return data.with_windows(windows), np.array(partner)
 
 
 def _twin(data: Data, window: Window, number: int, same: np.ndarray) -> Window | None:

@@ -1,16 +1,16 @@
 """Tests of many columns at once against permutations of before and after.
 
-    tests = Permuted(pieces, rng, draws).of(columns, beside)
+    tests = Permuted(pieces, rng, draws).of(columns, nuisance)
     tests.value, tests.spread, tests.t, tests.p             # of each column, (n,)
 
-Each column is fitted beside the same few others; its t uses the spread over pieces (the sandwich).
-The null distribution is that of the largest |t| over all columns, with the signs of the pieces
-drawn (differences), or their sides exchanged: the chance of any false alarm is controlled, however
-much the columns resemble each other (Westfall and Young, 1993).
+Each column is fitted together with the same few others (`nuisance`); its t uses the spread over
+pieces (the sandwich). The null distribution is that of the largest |t| over all columns, with the
+signs of the pieces drawn (differences), or their sides exchanged: the chance of any false alarm is
+controlled, however much the columns resemble each other (Westfall and Young, 1993).
 
-Whether anything changed is tested with the others free. What it was is told with what is known of
-the others (`Prior`): a little warmer, all joints may have lost some per cent of their friction, and
-not a fifth of it while one gained as much.
+Whether anything changed is tested with the others free. What changed is estimated with
+what is known of the others (`Prior`): a little warmer, all joints may have lost some per cent of
+their friction, and not a fifth of it while one gained as much.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ RIDGE = 1e-9  # of the diagonal: keeps the equations solvable, far below anythin
 
 
 class Prior(NamedTuple):
-    """What is known of the change of each of K columns beside those that are tested."""
+    """What is known of the change of each of K columns other than those that are tested."""
 
     mean: np.ndarray  # (K,)
     spread: np.ndarray  # (K,) standard deviation; inf where nothing is known
@@ -49,13 +49,13 @@ class Tests(NamedTuple):
     p: np.ndarray  # (n,) adjusted for all columns
     fall: np.ndarray  # (n,) of -2 log likelihood
     response: np.ndarray  # (n,) RMS of what the change makes, in units of the noise
-    others: np.ndarray  # (n,) RMS of what the others make beside it, clocks left out
-    told: np.ndarray  # (n,) share of the column's response that the others cannot make
+    others: np.ndarray  # (n,) RMS of what the others make with it, clocks left out
+    own_share: np.ndarray  # (n,) share of the column's response that the others cannot make
     critical: float  # |t| beyond which one of all columns lies by chance with probability alpha
 
 
 class _Fit(NamedTuple):
-    """One column beside others, of size 1 each; the column is the first."""
+    """One column with others, of size 1 each; the column is the first."""
 
     t: np.ndarray  # (1 + D,)
     error: float  # standard error of the column's value
@@ -91,19 +91,19 @@ class Permuted:
     def of(
         self,
         columns: Sequence[int],
-        beside: Sequence[int],
+        nuisance: Sequence[int],
         alpha: float,
         prior: Prior | None = None,
     ) -> Tests:
-        """Test columns, each beside the same others.
+        """Test columns, each together with the same others.
 
         Args:
             columns: n numbers.
-            beside: those of the others.
+            nuisance: those of the others.
             alpha: probability of any false alarm.
             prior: what is known of the others; None: nothing.
         """
-        every = [[column, *(b for b in beside if b != column)] for column in columns]
+        every = [[column, *(b for b in nuisance if b != column)] for column in columns]
         fits = [self._one(use) for use in every]
         t = np.array([fit.t for fit in fits])  # (n, 1 + D)
         free = np.array([1 / fit.inverse[0, 0] for fit in fits])
@@ -113,22 +113,22 @@ class Permuted:
         count = self.pieces.curve.shape[1]
         known = prior or Prior(np.zeros(count), np.full(count, np.inf))
         noise = float(np.median([fit.inflation for fit in fits]))
-        told = np.array([self._told(f, u, noise, known) for f, u in zip(fits, every, strict=True)])
-        value, spread, fall, response, others, share = told.T
+        rows = np.array([self._row(f, u, noise, known) for f, u in zip(fits, every, strict=True)])
+        value, spread, fall, response, others, share = rows.T
         return Tests(
             tuple(columns), value, spread, t[:, 0], p, fall, response, others, share, critical
         )
 
     def _one(self, use: Sequence[int]) -> _Fit:
-        """Return the fit of the first column beside the others."""
+        """Return the fit of the first column with the others."""
         curve, down, size = _scaled(self.pieces, use)
         solve = _signed if self.pieces.after is None else _sided
         fitted, error, inverse, first = solve(curve, down, self.drawn)
         t = fitted / np.maximum(error, TINY_SQUARE)
         return _Fit(t, float(error[0]), first, inverse, curve.sum(axis=0), size)
 
-    def _told(self, fit: _Fit, use: Sequence[int], noise: float, prior: Prior) -> tuple[float, ...]:
-        """Return value, spread, fall, response, others and told of `Tests`.
+    def _row(self, fit: _Fit, use: Sequence[int], noise: float, prior: Prior) -> tuple[float, ...]:
+        """Return value, spread, fall, response, others and own_share of `Tests`.
 
         The fit and the prior are normal, so the posterior is; `noise` is what the independent
         numbers' variance is multiplied by.

@@ -1,6 +1,6 @@
 """Independent pieces of two sets of logs, and their weighted normal equations.
 
-    pieces = contrasts(data, beside, response, windows, before={0, 1}, after={2, 3})
+    pieces = contrasts(data, partner, response, windows, before={0, 1}, after={2, 3})
     pieces.curve, pieces.down                   # (B, K, K), (B, K)
 
 Where logs before and after are of the same motions, a piece is a stretch of their difference:
@@ -82,7 +82,7 @@ def pairs_of(motions: Motions, before: Collection[int], after: Collection[int]) 
 
 def contrasts(
     data: Data,
-    beside: np.ndarray,
+    partner: np.ndarray,
     response: Response,
     error: np.ndarray,
     windows: np.ndarray,
@@ -94,7 +94,7 @@ def contrasts(
 
     Args:
         data: with aligned windows.
-        beside: the window that each window stands beside, (W,).
+        partner: the window of the first log with the same motion, for each window, (W,).
         response: of the first windows of each motion.
         error: of all windows, (W, T, M).
         windows: which windows the response is of, (n,).
@@ -105,9 +105,9 @@ def contrasts(
     pairs = pairs_of(motions, before, after)
     place = {int(window): k for k, window in enumerate(windows)}
     if pairs:
-        stretches = _differences(data, beside, response, error, place, pairs)
+        stretches = _differences(data, partner, response, error, place, pairs)
     else:
-        stretches = _errors(data, beside, response, error, place, before, after)
+        stretches = _errors(data, partner, response, error, place, before, after)
     limits = data.settings.compared
     groups = {side: {s.group for s in stretches if s.after == side} for side in (False, True)}
     sizes = [len(g) for g in groups.values() if g]
@@ -117,14 +117,14 @@ def contrasts(
 
 def _differences(
     data: Data,
-    beside: np.ndarray,
+    partner: np.ndarray,
     response: Response,
     error: np.ndarray,
     place: dict[int, int],
     pairs: list[Pair],
 ) -> list[_Stretch]:
     """Return the differences of the errors of the second and the first logs of each pair."""
-    of = {(data.windows[i].log, int(b)): i for i, b in enumerate(beside)}
+    of = {(data.windows[i].log, int(b)): i for i, b in enumerate(partner)}
     parts = data.blocks(coherence(data, error))
     found = []
     for first, second in pairs:
@@ -141,7 +141,7 @@ def _differences(
 
 def _errors(
     data: Data,
-    beside: np.ndarray,
+    partner: np.ndarray,
     response: Response,
     error: np.ndarray,
     place: dict[int, int],
@@ -152,7 +152,7 @@ def _errors(
     parts = data.blocks(coherence(data, error))
     found = []
     for i, window in enumerate(data.windows):
-        own = int(beside[i])
+        own = int(partner[i])
         if window.log in {*before, *after} and own in place:
             columns = _columns(response, place[own])
             part = _Stretch(

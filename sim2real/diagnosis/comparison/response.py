@@ -126,7 +126,7 @@ def respond(
         simulator: of the data, with what is fixed.
         watch: what may change.
         windows: those to look at, (n,).
-        wanted: which of the effects that may change are looked at, beside those of both sides.
+        wanted: which of the effects that may change are looked at; those of both sides always are.
     """
     shared, small = watch.shared, simulator.data.settings.compared.step
     known = {member.label for member in shared}

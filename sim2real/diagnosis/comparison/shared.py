@@ -1,4 +1,4 @@
-"""What both sides have beside the model: fitted before anything is compared.
+"""Effects that both sides share, fitted before anything is compared.
 
     watch = share(simulator, watch, windows)
 

@@ -20,7 +20,7 @@ from sim2real.runs.files import write_text
 
 SCHEMA = 1
 Verdict = Literal["holds", "broken", "cannot_tell"]
-SAME_VALUE = 0.05  # two fitted values that differ by less are told as one
+SAME_VALUE = 0.05  # two fitted values that differ by less are reported as one
 EXIT = {"holds": 0, "broken": 3, "cannot_tell": 4}
 
 
@@ -150,15 +150,15 @@ def open_of(name: str, found: Decoded) -> list[Open]:
     """Return what the log cannot tell of one place."""
     made = []
     if found.static:
-        text = "did not move: order, sign, scale and age cannot be told"
+        text = "did not move: order, sign, scale and age are unknown"
         made.append(Open(f"{name}: {', '.join(found.static)}", text))
     if found.unseen:
         made.append(Open(f"{name}: {', '.join(found.unseen)}", "too few rows to compare"))
     for group in found.exchangeable:
-        text = "moved alike: their order cannot be told"
+        text = "moved alike: their order is unknown"
         made.append(Open(f"{name}: {', '.join(group)}", text))
     if found.age_open:
-        made.append(Open(name, "changes too slowly for its age to be told to a step"))
+        made.append(Open(name, "changes too slowly for its age to be known to a step"))
     return made
 
 
@@ -184,7 +184,7 @@ def _rivals(
 
 
 def _same(one: Change, other: Change) -> bool:
-    """Return whether two changes are one, told with a slightly other value."""
+    """Return whether two changes are the same, with slightly different values."""
     if one == other or one.value is None or other.value is None:
         return one == other
     alike = one.fault == other.fault and one.elements == other.elements

@@ -3,8 +3,8 @@
     about = read_description("OBS.yaml", joints=["hip", "knee"])     # or a ready-made one: "quad8"
     about.terms, about.history, about.action.scale, about.size
 
-`base: legged_gym` starts from a ready-made file (`READY`); the keys beside it replace its own.
-docs/contract.md explains every key.
+`base: legged_gym` starts from a ready-made file (`READY`); the keys next to it replace its own.
+docs/how-to/check_policy_interface.md explains every key.
 """
 
 from __future__ import annotations
@@ -195,7 +195,7 @@ def _load(path: str | Path) -> tuple[dict[str, Any], str]:
         words = " ".join(str(error).split())
         raise ContractError(f"{name}: this is no YAML ({words})") from None
     if not isinstance(given, Mapping):
-        raise ContractError(f"{name}: a description is a mapping of keys; docs/contract.md has one")
+        raise ContractError(f"{name}: expected a mapping (docs/how-to/check_policy_interface.md)")
     base = given.get("base")
     if base is None:
         return dict(given), name

@@ -5,7 +5,7 @@
     found.findings, found.failed
 
 `deploy` writes `task` and `policy` into the metadata of its logs; other programs may write
-`policy` and `observation` (docs/contract.md). Paths are relative to the log.
+`policy` and `observation` (docs/how-to/check_policy_interface.md). Paths are relative to the log.
 """
 
 from __future__ import annotations
@@ -163,7 +163,7 @@ def described_by(logs: Sequence[Log], task: str | None = None) -> str | Path:
         what = ", ".join(sorted(map(str, tasks))) or "no task"
         raise ContractError(
             f"the logs and the policy name {what}, which no ready-made description belongs to; "
-            "give observation=OBS.yaml (docs/contract.md)"
+            "give observation=OBS.yaml (docs/how-to/check_policy_interface.md)"
         )
     return found[0]
 

@@ -44,7 +44,7 @@ def check_gains(rows: Rows, about: Description, settings: Settings) -> Stage:
         rest = torque[use, j] - data @ found
         power = float(np.sum((torque[use, j] - torque[use, j].mean()) ** 2))
         if power == 0 or float(rest @ rest) > (1 - limits.gain_share) * power:
-            text = "torque does not follow a law of position and speed, so its gains are not told"
+            text = "torque is not a function of position and speed, so its gains are unknown"
             stage.cannot_tell.append(Open(f"gains: {name}", text))
             continue
         for key, value in zip(ratios, found, strict=True):

@@ -71,9 +71,7 @@ def check_observation(rows: Rows, about: Description, limits: Contract) -> Stage
     stack = unstack(seen, about, rows, limits)
     stage.findings += stack.faults
     if stack.open:
-        stage.cannot_tell.append(
-            Open("history", "the frames are alike: their order cannot be told")
-        )
+        stage.cannot_tell.append(Open("history", "the frames are alike: their order is unknown"))
     start = 0
     for term in about.terms:
         part = stack.newest[:, start : start + term.size]
@@ -272,7 +270,7 @@ def check_action(rows: Rows, about: Description, limits: Contract) -> Stage:
     apart = _cut(sent, cut, rows, step) if many else np.repeat(near[:, None], len(names), axis=1)
     found = decode(target._replace(apart=apart), ways, rows, limits)
     if many and not found.changes:
-        text = f"the guard cut {cut.sum()} of {len(cut)} rows: what became of actions is not told"
+        text = f"the guard cut {cut.sum()} of {len(cut)} rows: what became of actions is unknown"
         stage.cannot_tell.append(Open("ctrl", text))
         return stage
     stage.take("action", "ctrl", found, names, limits)

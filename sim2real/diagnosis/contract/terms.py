@@ -28,7 +28,7 @@ class Kind(NamedTuple):
     """A kind of term."""
 
     size: int | None  # numbers; None for one a joint, 0 for what the term itself says
-    keys: tuple[str, ...]  # that it may have, beside `term` and `scale`
+    keys: tuple[str, ...]  # that it may have, in addition to `term` and `scale`
     about: str
 
 

@@ -156,8 +156,8 @@ def gains(
 ) -> list[Gain]:
     """Return the factors that a whole term may have, the described one first.
 
-    A free factor is told from the spreads, whatever the order, and from the numbers in their own
-    order, where the offset (k,) was added before the factor and where it was added after it.
+    A free factor is estimated from the spreads, whatever the order, and from the numbers in their
+    own order, where the offset (k,) was added before the factor and where it was added after it.
     """
     scale, flipped = target.scale, target.flipped
     found = [Gain("", "", "", scale, 0.0)]

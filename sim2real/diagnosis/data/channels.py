@@ -1,4 +1,4 @@
-"""What a log holds beside positions, and how far a simulation is from it: speeds, torques, IMUs.
+"""A log's channels other than positions, and a simulation's gap in them: speeds, torques, IMUs.
 
     gaps = channel_gaps(data, known, found)     # before and after the effects that were found
 

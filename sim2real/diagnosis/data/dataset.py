@@ -247,7 +247,7 @@ def _joints(
     logs: Sequence[Log], models: Sequence[mujoco.MjModel], settings: Settings
 ) -> list[Joint]:
     """Return the hinges and slides that every log and model has."""
-    found = []
+    found, still = [], {"rad": settings.channels.still_rad, "m": settings.channels.still_m}
     for i in range(models[0].njnt):
         name = models[0].joint(i).name
         column = f"qpos.{name}"
@@ -259,13 +259,13 @@ def _joints(
         unit = "rad" if models[0].jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE else "m"
         spread = float(values.std())
         place = int(models[0].jnt_qposadr[i])
-        step = step_of(values, settings.encoder)
+        step = step_of(values[np.concatenate([log.fresh for log in logs])], settings.encoder)
+        step = step if spread else still[unit]  # that never changed: below what counts as moving
         found.append(Joint(name, place, unit, step, spread, 1.0))
     if not found:
         raise Sim2RealError("the logs have no hinge or slide in common that their models have too")
     if len({joint.unit for joint in found}) > 1:
-        least = settings.dataset.scale_min
-        found = [joint._replace(scale=max(joint.spread, least)) for joint in found]
+        found = [joint._replace(scale=max(joint.spread, still[joint.unit])) for joint in found]
     return found
 
 

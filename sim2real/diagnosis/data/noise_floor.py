@@ -71,15 +71,16 @@ def reading_noise(logs: Sequence[Log], column: str, settings: Settings) -> float
         for log in logs
         if column in log.columns
         for part in log.episodes()
-        if len(part) > ORDER
+        if part.fresh.sum() > ORDER
     ]
     if not episodes:
         return 0.0
-    parts = [part.column(column) for part in episodes]
+    parts = [part.column(column)[part.fresh] for part in episodes]
     step = step_of(np.concatenate(parts), settings.encoder)
     rests = np.concatenate([np.diff(q, ORDER) for q in parts])
     moves = np.concatenate([np.abs(q[ORDER:] - q[:-ORDER]) for q in parts])
-    calm = np.concatenate([~hunting_rows(part)[ORDER // 2 : -ORDER // 2] for part in episodes])
+    hunts = [hunting_rows(part)[part.fresh] for part in episodes]
+    calm = np.concatenate([~rows[ORDER // 2 : -ORDER // 2] for rows in hunts])
     rests, moves = (rests[calm], moves[calm]) if calm.any() else (rests, moves)
     slow = rests[moves <= np.quantile(moves, settings.noise_floor.slow_share)]
     variances = comb(2 * ORDER, ORDER)  # of a reading, in that of its difference
@@ -122,7 +123,7 @@ def _repeats(logs: Sequence[Log], names: Sequence[str], settings: Settings) -> d
 def _count(logs: Sequence[Log], joint: str, settings: Encoder) -> float:
     """Return the step between two readings of a joint, 0 if they are not rounded."""
     column = f"qpos.{joint}"
-    values = [log.column(column) for log in logs if column in log.columns]
+    values = [log.column(column)[log.fresh] for log in logs if column in log.columns]
     return step_of(np.concatenate(values), settings)
 
 

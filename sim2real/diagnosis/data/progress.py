@@ -38,7 +38,7 @@ class Moving:
     """Progress whose share neither falls nor stands still: what is left is known only as it goes.
 
     Args:
-        progress: is told.
+        progress: receives each step's text and the share of the work that is done.
     """
 
     def __init__(self, progress: Progress) -> None:

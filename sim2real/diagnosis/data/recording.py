@@ -181,14 +181,26 @@ def _speeds(log: Log, model: mujoco.MjModel, before: Columns | None) -> np.ndarr
         if all(f"qvel.{name}" in log.columns for name in speeds):
             qvel[own] = [log.column(f"qvel.{name}")[0] for name in speeds]
         elif before is not None and all(f"qpos.{name}" in log.columns for name in positions):
-            qvel[own] = _slopes(log, positions, before)
+            qvel[own] = _slopes(log, positions, before, late_by(model))
     return qvel
 
 
-def _slopes(log: Log, names: Sequence[str], before: Columns) -> np.ndarray:
-    """Return a joint's velocity at the first row: the slope of a line through its neighbours.
+def late_by(model: mujoco.MjModel) -> float:
+    """Return how long before its positions a model's velocities are those of its motion [s].
 
-    That of a free or ball joint is measured from its orientation in that row, in its own frame.
+    Half a step, where positions move with the velocity at the end of each step (semi-implicit
+    Euler: MuJoCo, "Numerical integration"); else nothing.
+    """
+    half = int(model.opt.integrator) != int(mujoco.mjtIntegrator.mjINT_RK4)
+    return model.opt.timestep / 2 if half else 0.0
+
+
+def _slopes(log: Log, names: Sequence[str], before: Columns, late: float) -> np.ndarray:
+    """Return a joint's velocity at the first row, as the engine counts it.
+
+    The slope of a line through its neighbours, less what it gains in `late` seconds by the
+    acceleration of a parabola through them. That of a free or ball joint is measured from its
+    orientation in that row, in its own frame.
     """
     near = [before] if before else []
     near.append({name: column[: NEAR + 1] for name, column in log.columns.items()})
@@ -200,7 +212,9 @@ def _slopes(log: Log, names: Sequence[str], before: Columns) -> np.ndarray:
         here = values[len(before.get("time", ()))]
         turned = [_turn(here[-4:], row[-4:]) for row in values]
         values = np.column_stack([values[:, :-4], turned])
-    return np.polyfit(time - time.mean(), values, 1)[0]
+    since = time - time.mean()
+    slope = np.polyfit(since, values, 1)[0]
+    return slope if len(time) <= 2 else slope - 2 * np.polyfit(since, values, 2)[0] * late
 
 
 def _turn(one: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -115,7 +115,7 @@ def _of_one_model(
         columns = positions(log, model)
         own = [path for (of, _), path in zip(episodes, paths, strict=True) if of == number]
         measured = np.column_stack([log.column(f"qpos.{name}") for name in columns])
-        measured[log.columns.get("flag.fresh", np.ones(len(log))) <= 0] = np.nan
+        measured[~log.fresh] = np.nan
         simulated = np.concatenate(own)[:, list(columns.values())]
         yield Gap(log, tuple(columns), log.time, measured, simulated)
 

@@ -23,7 +23,15 @@ import numpy as np
 from envs.effects import Effect, make
 from envs.effects.supply import ThermalDerating
 from envs.plant import Fixed, Plant
-from envs.replay import InterpolationPoints, Schedule, interpolate, readings, schedule, simulate
+from envs.replay import (
+    InterpolationPoints,
+    Schedule,
+    groups,
+    interpolate,
+    readings,
+    schedule,
+    simulate,
+)
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.lean import lean
 from sim2real.diagnosis.data.memory import Memory
@@ -247,7 +255,7 @@ class Simulator:
         plant = self._make(model, effects, count, threads)  # none that is in use
         _set(plant, strengths[:, weak])
         plans = [self._plans[i].schedule for i in windows]
-        motion, bits = simulate(plant, plans), np.arange(plant.model.nu)
+        motion, bits = simulate(plant, plans), groups(plant.model.nu)
         for row, (plan, path) in enumerate(zip(plans, motion.qpos, strict=True)):
             on = (plan.off[:, None] >> bits & 1) == 0
             yield actuated(plant, row), path[: plan.steps + 1], plan, on

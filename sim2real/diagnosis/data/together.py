@@ -67,8 +67,8 @@ def together(tasks: Sequence[Callable[[], T]], hands: int = 0) -> list[T]:
     finally:
         _sharing = False
         os.close(numbers)
-        told = [_told(*helper) for helper in helpers]
-    for results in told:
+        answers = [_receive(*helper) for helper in helpers]
+    for results in answers:
         if isinstance(results, Exception):
             raise results
         done |= results
@@ -127,7 +127,7 @@ def _work(tasks: Sequence[Callable[[], Any]], numbers: int, answer: Connection) 
         os._exit(0)
 
 
-def _told(child: int, answer: Connection) -> Any:
+def _receive(child: int, answer: Connection) -> Any:
     """Return what a helper says; {} where it was ended: its tasks are then done here."""
     try:
         return answer.recv()

@@ -238,9 +238,7 @@ def _usable(log: Log, first: int, last: int, settings: Windows = DEFAULT.windows
     those in which something was in the robot's way.
     """
     time = log.time[first:last]
-    good = np.ones(last - first, bool)
-    if "flag.fresh" in log.columns:
-        good &= log.columns["flag.fresh"][first:last] > 0
+    good = log.fresh[first:last].copy()
     for name in log.actuators:
         column = f"torque.{name}"
         if column in log.columns:

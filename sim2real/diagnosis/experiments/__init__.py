@@ -1,1 +1,1 @@
-"""What to record next: the motion that tells apart explanations which the logs leave open."""
+"""What to record next: the motion that separates explanations which the logs leave open."""

@@ -110,13 +110,15 @@ class _View(NamedTuple):
     def of(member: Member, motions: Sequence[Recording], asked: Asked) -> _View:
         values = _flat(member.fixed)
         steps = _within(values, _sizes(member.fixed, asked.spec), _ends(member.fixed, asked.spec))
-        told = _told(member.fixed, values, motions, asked)
-        slopes = [np.zeros((len(y), len(values))) for y in told]
+        predicted = _predicted(member.fixed, values, motions, asked)
+        slopes = [np.zeros((len(y), len(values))) for y in predicted]
         for place in np.flatnonzero(steps):
-            changed = _told(member.fixed, values + steps * _unit(values, place), motions, asked)
-            for slope, one, other in zip(slopes, changed, told, strict=True):
+            changed = _predicted(
+                member.fixed, values + steps * _unit(values, place), motions, asked
+            )
+            for slope, one, other in zip(slopes, changed, predicted, strict=True):
                 slope[:, place] = (one - other) / steps[place]
-        return _View(told[:-1], told[-1], slopes[:-1], slopes[-1])
+        return _View(predicted[:-1], predicted[-1], slopes[:-1], slopes[-1])
 
     def left(self, other: _View, k: int, times: int) -> float:
         """Return what is left of another's motion k after this one's linear refit."""
@@ -130,12 +132,14 @@ class _View(NamedTuple):
 
 def _settled(robot: Member, member: Member, motion: Recording, asked: Asked) -> float:
     """Return what is left of a robot's motion once a member has refitted, in noise floors."""
-    target = _told(robot.fixed, _flat(robot.fixed), [motion], asked)
+    target = _predicted(robot.fixed, _flat(robot.fixed), [motion], asked)
     sizes, ends = _sizes(member.fixed, asked.spec), _ends(member.fixed, asked.spec)
     rows = len(target[0])
 
     def off(values: np.ndarray) -> np.ndarray:
-        return np.concatenate(target) - np.concatenate(_told(member.fixed, values, [motion], asked))
+        return np.concatenate(target) - np.concatenate(
+            _predicted(member.fixed, values, [motion], asked)
+        )
 
     values = _flat(member.fixed)
     error = off(values)
@@ -170,7 +174,7 @@ def _better(
     return None
 
 
-def _told(
+def _predicted(
     fixed: Sequence[Fixed], values: np.ndarray, motions: Sequence[Recording], asked: Asked
 ) -> list[np.ndarray]:
     """Return what encoders tell of each motion and, last, of the past, in noises.
@@ -188,8 +192,8 @@ def _told(
     else:
         past = trial(asked.spec, asked.past, fixed=effects) if asked.past else []
         paths = [*trial(asked.changed, motions, fixed=effects), *past]
-    told = [(path[:, columns] / noise).ravel() for path in paths]
-    return [*told[: len(motions)], np.concatenate([np.zeros(0), *told[len(motions) :]])]
+    predicted = [(path[:, columns] / noise).ravel() for path in paths]
+    return [*predicted[: len(motions)], np.concatenate([np.zeros(0), *predicted[len(motions) :]])]
 
 
 def _flat(fixed: Sequence[Fixed]) -> np.ndarray:

@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 
 from envs.effects.contact import ground, soles
+from envs.effects.places import driven_joints
 from hardware.log import Log
 from sim2real.diagnosis.data.recording import columns_of
 
@@ -79,7 +80,7 @@ def base_of(log: Log, model: mujoco.MjModel) -> Base | None:
     floors, feet = ground(model), soles(model)
     if not (floors.size and feet.size):
         return None
-    driven = {int(j) for j in model.actuator_trnid[:, 0]}
+    driven = driven_joints(model)
     carriers = {b for j in driven for b in _chain(model, int(model.jnt_bodyid[j]))}
     loose = [
         j

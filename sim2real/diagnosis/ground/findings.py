@@ -23,7 +23,7 @@ from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import TINY, Ground
 
 MILLI = 1e-3
-MANY = 3  # soles from which a plane is told
+MANY = 3  # soles that determine a plane
 
 
 def check_ground(
@@ -76,11 +76,11 @@ def _slips(
             shares[name] = float(slip[touch[:, i], i].mean())
     often = {name: share for name, share in shares.items() if share > settings.slips}
     if often:
-        told = ", ".join(f"{name} {share:.0%}" for name, share in often.items())
+        slipping = ", ".join(f"{name} {share:.0%}" for name, share in often.items())
         yield Finding(
             "slip",
             None,
-            f"Soles move across the ground while they touch it, in so much of that time: {told}. "
+            f"Soles slip during part of the time that they touch the ground: {slipping}. "
             "Speeds of the base are taken from the soles that do not, and are less sure then.",
             "No action needed: slipping is simulated. An accelerometer, or a ground that grips, "
             "makes starts surer.",
@@ -89,7 +89,7 @@ def _slips(
 
 def _gyros(pairs: Sequence[tuple[Estimate, mujoco.MjModel]], settings: Ground) -> Iterator[Finding]:
     """Bias, scale and latency of a gyro, against the slope of the orientation."""
-    said, told, steps, edge = [], [], [], settings.edge
+    said, turned, steps, edge = [], [], [], settings.edge
     for estimate, model in pairs:
         imu = imu_of(estimate.log, model, estimate.base)
         if imu is None or imu.gyro is None or imu.orientation is None:
@@ -100,11 +100,11 @@ def _gyros(pairs: Sequence[tuple[Estimate, mujoco.MjModel]], settings: Ground) -
             start += len(part)
             turn = Rotation.from_quat(imu.orientation[rows], scalar_first=True)
             said.append(convolve1d(imu.gyro[rows], settings.smoothing, axis=0)[edge:-edge])
-            told.append(slopes(part.time, turn))
+            turned.append(slopes(part.time, turn))
             steps.append(float(np.median(np.diff(part.time))))
-    truth = np.concatenate([one[edge:-edge] for one in told])
+    truth = np.concatenate([one[edge:-edge] for one in turned])
     gyro, step = np.concatenate(said), float(np.median(steps))
-    shift = np.concatenate([np.gradient(one, axis=0)[edge:-edge] for one in told]) / step
+    shift = np.concatenate([np.gradient(one, axis=0)[edge:-edge] for one in turned]) / step
     for axis, name in enumerate("xyz"):
         ways = np.column_stack([truth[:, axis], -shift[:, axis], np.ones(len(truth))])
         (scale, late, bias), *_ = np.linalg.lstsq(ways, gyro[:, axis], rcond=None)

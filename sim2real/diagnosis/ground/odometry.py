@@ -21,7 +21,7 @@ from sim2real.diagnosis.settings import TINY, Ground
 
 
 class Push(NamedTuple):
-    """What moves a base beside its soles: mean accelerations, and how far they may be off."""
+    """What moves a base other than its soles: mean accelerations, and how far they may be off."""
 
     felt: np.ndarray | None  # (T, n) m/s² that the accelerometer says, gravity taken out
     flight: np.ndarray  # (n,) m/s² in free flight
@@ -76,7 +76,7 @@ def _adrift(time: np.ndarray, firm: np.ndarray) -> np.ndarray:
 
 
 def _doubt(touch: np.ndarray, push: Push, settings: Ground) -> np.ndarray:
-    """Return by how much the base's acceleration may be off beside what is known [m/s²], (T,)."""
+    """Return by how much the base's acceleration may deviate from what is known [m/s²], (T,)."""
     if push.felt is not None:
         return np.full(len(touch), settings.felt_m_s2)
     ground = np.minimum(touch.sum(axis=1), 1.0)

@@ -113,5 +113,5 @@ def check_pushes(data: Data, estimates: Sequence[Estimate], settings: Ground) ->
 
 def _moments(log: Log, rows: Sequence[int]) -> str:
     """Return the times of some rows in words."""
-    told = ", ".join(f"{log.time[row]:.2f}" for row in rows[:SHOWN])
-    return f"{told} s" + (f" and {len(rows) - SHOWN} more" if len(rows) > SHOWN else "")
+    times = ", ".join(f"{log.time[row]:.2f}" for row in rows[:SHOWN])
+    return f"{times} s" + (f" and {len(rows) - SHOWN} more" if len(rows) > SHOWN else "")

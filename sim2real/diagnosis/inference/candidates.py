@@ -169,7 +169,7 @@ def in_the_way(one: Effect, other: Effect) -> bool:
 
 
 def _taken(effect: Effect, fixed: Sequence[Fixed]) -> bool:
-    """Return whether an effect is fixed at this place, and cannot stand beside itself."""
+    """Return whether an effect is fixed at this place: it cannot be combined with itself."""
     there = any((one.name, one.where) == (effect.name, effect.where) for one, _ in fixed)
     return (there and effect.how == "set") or any(in_the_way(one, effect) for one, _ in fixed)
 

@@ -4,14 +4,14 @@
 
 A servo that a torque tau pushes gives way by tau / kp, so a ripple A sin(N q + phase) that the
 model lacks shows in the error, simulated minus measured, as -A/kp sin(N q + phase) while it is
-slow. For each N of a grid the sine and cosine of N q are fitted to it beside a smooth function of
+slow. For each N of a grid the sine and cosine of N q are fitted to it with a smooth function of
 q: a least-squares periodogram (Lomb 1976, Astrophysics and Space Science 39), whose highest peaks
 are looked at first. N need not be whole: a gear of 298.5 : 1 makes no whole number of the motor's
 poles. The grid is as fine as the joint's span lets it be, and ends where the encoder no longer
 resolves a ripple.
 
 A joint that no servo holds is moved instead: over a window, the ripple's torque shows as its double
-integral over the inertia, at any speed, beside those of a constant torque and of a viscous one.
+integral over the inertia, at any speed, with those of a constant torque and of a viscous one.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class _Span:
 def _grid(q: np.ndarray, step: float, limits: Cogging) -> np.ndarray:
     """Return the counts to look at, (N,): `limits.finest` of them in a resolvable difference."""
     fewest, most = limits.counts
-    apart = 2 * np.pi / max(float(np.ptp(q)), TINY)  # of counts that the span tells apart
+    apart = 2 * np.pi / max(float(np.ptp(q)), TINY)  # of counts that the span resolves
     if step > 0:
         most = min(most, np.pi / (limits.readings * step))
     return np.arange(max(fewest, apart), most, apart / limits.finest)

@@ -184,7 +184,7 @@ def _parts(judgement: Judgement) -> list[_Part]:
 
 
 def find_equivalents(judgement: Judgement, place: int) -> list[tuple[Member, Fit]]:
-    """Return what cannot be told from a member: others in its place, fitted to the end as well."""
+    """Return what is equivalent to a member: others in its place, fitted to the end as well."""
     best, found = judgement.best, []
     rest = {m.label for n, m in enumerate(best.hypothesis.members) if n != place}
     for rival in judgement.rivals:
@@ -198,7 +198,7 @@ def find_equivalents(judgement: Judgement, place: int) -> list[tuple[Member, Fit
 
 
 def _equivalent(judgement: Judgement, member: Member, fit: Fit) -> Equivalent:
-    """Return what cannot be told from a member; inseparable where all predictions are the same."""
+    """Return what is equivalent to a member; inseparable where all predictions are the same."""
     apart = compute_separation(judgement.judge.fitter, judgement.best, fit)
     return Equivalent(_name(member), _where(member), apart < SAME, kind=get_kind(member))
 

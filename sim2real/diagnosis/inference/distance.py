@@ -1,4 +1,4 @@
-"""How far apart two explanations predict, in nats: the one notion of "cannot be told apart".
+"""How far apart two explanations predict, in nats: the one measure of equivalence.
 
     compute_separation(fitter, one, other)              # after both were fitted
 
@@ -22,7 +22,7 @@ def compute_separation(fitter: Fitter, one: Fit, other: Fit) -> float:
     Args:
         fitter: that made both.
         one: whose discrepancy counts.
-        other: the explanation beside it.
+        other: the explanation that it is compared with.
     """
     apart = (one.own - other.own)[..., None]
     return sum(
@@ -34,8 +34,9 @@ def compute_separation(fitter: Fitter, one: Fit, other: Fit) -> float:
 def is_told_apart(fitter: Fitter, bootstrap: Bootstrap, best: Fit, other: Fit) -> bool:
     """Return whether these windows tell the best from another explanation.
 
-    They do where it predicts significantly better, and where the predictions lie so far apart that
-    the evidence was to be expected: a ratio of densities of one over the level.
+    They do where it predicts significantly better, and with odds of one over the level: readings
+    are no independent evidence, so odds change by e for each `temperature` nats a reading.
     """
-    expected = compute_separation(fitter, best, other) > math.log(1 / fitter.settings.level)
-    return expected and bootstrap.gain(best.score - other.score).low > 0
+    gain = bootstrap.gain(best.score - other.score)
+    odds = gain.total / fitter.replayer.readings / fitter.settings.temperature
+    return gain.low > 0 and odds > math.log(1 / fitter.settings.level)

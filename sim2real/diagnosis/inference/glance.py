@@ -45,5 +45,6 @@ def make_glance(fitter: Fitter, given: np.ndarray, local: np.ndarray, common: np
         (coarse,) = replayer.replay([Job(NONE, np.zeros((len(chosen), 0)), replayer.every)])
         replayer.offset, replayer.finer = given[chosen] - coarse.error, finer
     rows = replayer.times, replayer.used, replayer.noise
-    likelihood = Likelihood(*rows, local[chosen], common[chosen], settings)
+    basis = fitter.likelihood.basis.part(chosen)
+    likelihood = Likelihood(*rows, local[chosen], common[chosen], settings, basis)
     return Fitter(replayer, likelihood, fitter.fold[chosen])

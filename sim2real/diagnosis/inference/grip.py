@@ -43,22 +43,22 @@ def check_grip(replayer: Replayer, floor: float) -> list[Finding]:
             words.append((option, "neither less nor more of it"))
         elif up < limits.grip_floors * floor:
             words.append((option, "no more of it"))
-    return [_finding(option, told, limits.grips, floor) for option, told in words]
+    return [_finding(option, change, limits.grips, floor) for option, change in words]
 
 
 def _rms(change: np.ndarray, mask: np.ndarray) -> float:
     return float(np.sqrt((change**2).sum() / max(mask.sum() * change.shape[2], 1)))
 
 
-def _finding(option: Candidate, told: str, grips: Sequence[float], floor: float) -> Finding:
+def _finding(option: Candidate, change: str, grips: Sequence[float], floor: float) -> Finding:
     where = option.effect.where
     foot = "the feet" if where is None else where
     low, high = (factor * float(option.neutral[0]) for factor in grips)
     return Finding(
         "grip",
         where,
-        f"The friction between {foot} and the ground is not known: {told} would change the motion "
-        f"by more than the noise ({floor:.2g}). With {low:.2g} and {high:.2g} in place of "
+        f"The friction between {foot} and the ground is not known: {change} would change the "
+        f"motion by more than the noise ({floor:.2g}). With {low:.2g} and {high:.2g} in place of "
         f"{float(option.neutral[0]):.2g} the windows were simulated again; {foot} hardly slipped.",
         "Record motions in which feet slip: push off with growing force, brake, turn in place; "
         "until then any friction that is high enough will do.",

@@ -3,7 +3,7 @@
     ends, correlation = compute_intervals(judgement)            # (P, 2), (P, P)
 
 The curvature of the log density at the answer, (J' V^-1 J) with V the covariance of everything that
-nobody knows, is inverted together with the directions of the effects that cannot be told from a
+nobody knows, is inverted together with the directions of the effects that are equivalent to a
 cause, each with its own prior width: what one of them may share, the interval says (profile
 likelihood, to second order; Pawitan 2001). Where the two folds disagree by more, that counts. To it
 comes that the model in which a value is found is itself off by the usual few per cent.
@@ -33,7 +33,7 @@ def compute_intervals(
     Args:
         fitter: that made it.
         fit: the answer.
-        others: changes that cannot be told from one of its members.
+        others: changes that are equivalent to one of its members.
     """
     count = fit.values.shape[1]
     if not count:

@@ -5,7 +5,7 @@
     judgement.verdict, judgement.best.label
 
 Every change of the robot, its log and its world is looked at in part of the windows; those that
-promise most are fitted, and scored alike, the null explanations beside them. The best grows by one
+promise most are fitted, and scored alike, the null explanations with them. The best grows by one
 member as long as each wins what the tolerance asks for, and loses those that do not.
 """
 
@@ -28,11 +28,10 @@ from sim2real.diagnosis.inference.episodes import follows_episodes
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.glance import NONE, make_glance
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
-from sim2real.diagnosis.inference.likelihood import Likelihood
+from sim2real.diagnosis.inference.likelihood import Basis, Likelihood
 from sim2real.diagnosis.inference.moves import (
-    are_compatible,
-    drop_member,
     is_part,
+    list_simpler,
     pick_distinct,
     rank_fits,
     restart,
@@ -43,7 +42,6 @@ from sim2real.diagnosis.inference.replayer import Replayer
 from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, Gain, deal_folds
 from sim2real.diagnosis.inference.screen import (
     Line,
-    join_lines,
     pick_alike,
     pick_pairs,
     pick_starts,
@@ -103,7 +101,7 @@ class Judge:
         fixed: effects that are known.
         rng: for the bootstrap.
         work: counts what is simulated.
-        moving: told what is being tried, and of each simulation.
+        moving: receives what is being tried, and each simulation.
     """
 
     def __init__(
@@ -123,9 +121,10 @@ class Judge:
         self.readings = self.replayer.readings
         noise = self.replayer.noise
         self.most = np.maximum(self.replayer.count, noise) / noise  # a count, in noises
+        self.basis: Basis | None = None
         given, *unknown = self._look(NONE, np.zeros((FOLDS, 0)))
         self.glance = make_glance(self.fitter, given, *unknown)
-        self.traced: tuple[Fit, list[Line]] = self.given, []  # see `_refine`
+        self.lines: list[Line] = []  # through all probes, beside the model as given
 
     def judge(self, vocabulary: Vocabulary) -> Judgement:
         """Return the judgement on the gap.
@@ -136,8 +135,8 @@ class Judge:
         tried = {self.given.label: self.given}
         best = self.given
         while len(best.hypothesis.members) < self.settings.members_max:
-            beside = f" beside {best.label}" if best.hypothesis.members else ""
-            self.moving(f"looking at every change{beside}", SHARES[len(best.hypothesis.members)])
+            added = f" in addition to {best.label}" if best.hypothesis.members else ""
+            self.moving(f"looking at every change{added}", SHARES[len(best.hypothesis.members)])
             starts = vocabulary.list_starts(self.replay_errors(best), self._find_open(best))
             if not self._refine(best, starts, tried):
                 break
@@ -197,9 +196,9 @@ class Judge:
         """
         replayer = self.replayer
         base, local, common = compute_unknowns(replayer, hypothesis, values[self.fold])
-        likelihood = Likelihood(
-            replayer.times, replayer.used, replayer.noise, local, common, self.settings
-        )
+        rows = replayer.times, replayer.used, replayer.noise
+        likelihood = Likelihood(*rows, local, common, self.settings, self.basis)
+        self.basis = likelihood.basis
         self.fitter = Fitter(replayer, likelihood, self.fold)
         (self.given,) = self.fitter.fit([Start(NONE, np.zeros((1, 0)))])
         paths = (replayer.holding(), replayer.coasting())
@@ -207,7 +206,7 @@ class Judge:
         return base, local, common
 
     def _refine(self, best: Fit, starts: Sequence[Start], tried: dict[str, Fit]) -> bool:
-        """Fit what promises most beside the best into what was tried; pairs if no change does.
+        """Fit what promises most with the best into what was tried; pairs if no change does.
 
         Returns:
             Whether there is a gap, or any change promises what it has to win.
@@ -215,7 +214,7 @@ class Judge:
         (base,) = self.glance.fit([restart(best)], rounds=0)
         lines = trace_lines(self.glance, base, starts)
         if not best.hypothesis.members:
-            self.traced = base, lines
+            self.lines = lines
         least = self.settings.equivalence_tolerance * self.glance.replayer.readings
         if self._explains(best) and max((line.gain for line in lines), default=0.0) < least:
             return False
@@ -226,23 +225,25 @@ class Judge:
 
     def _swap(self, best: Fit, tried: dict[str, Fit]) -> None:
         """Fit what does about the same as each member in its place."""
-        base, lines = self.traced
-        (own,) = self.glance.fit([restart(best)], rounds=0)
-        starts = []
-        for place, member in enumerate(best.hypothesis.members):
-            rest = drop_member(own, place)
-            for line in pick_alike(self.glance, base, lines, member, self.settings.alike):
-                if are_compatible(rest.hypothesis, line.member):
-                    starts.append(join_lines(rest, [line], [line.scale]))
-        self._fit([s for s in starts if s.hypothesis.label not in tried], tried)
+        every = range(len(best.hypothesis.members))
+        own, *parts = self.glance.fit(
+            [restart(best), *(without(best, place) for place in every)], rounds=0
+        )
+        for rest in parts:
+            alike = pick_alike(self.glance, own, rest, self.lines, self.settings.alike)
+            self._fit(alike, tried)
+        others = [line.member for line in self.lines]
+        simpler = [start for place in every for start in list_simpler(best, place, others)]
+        _keep(self.fitter.fit(simpler), tried)
 
     def _fit(self, starts: Sequence[Start], tried: dict[str, Fit]) -> None:
         """Fit starts into what was tried: at a glance, and the better half of each size fully."""
         rounds = self.settings.rounds - self.settings.glances
         for count in sorted({len(start.hypothesis.members) for start in starts}):
             own = [start for start in starts if len(start.hypothesis.members) == count]
-            fits = rank_fits(self.glance.fit(own, rounds=self.settings.glances))
-            chosen = pick_distinct(fits, self.settings.refits // 2)
+            fits = self.glance.fit(own, rounds=self.settings.glances)
+            fits.sort(key=lambda fit: -fit.density.sum())  # so few windows predict others badly
+            chosen = pick_distinct(fits, max(len(own) // 2, 1))
             _keep(self.fitter.fit(map(restart, chosen), rounds), tried)
 
     def _choose(self, tried: dict[str, Fit]) -> Fit:
@@ -258,7 +259,7 @@ class Judge:
         """Return the best, or one of fewer free values that is not significantly worse.
 
         A whole number, such as of rows or turns, is not free to follow anything. Then those without
-        mistakes of the log go first: what cannot be told from an effect of the robot is called one.
+        mistakes of the log go first: what is equivalent to an effect of the robot is called one.
         """
         top = max(fits, key=lambda fit: fit.total)
         near = [f for f in fits if f is top or self.bootstrap.gain(top.score - f.score).low <= 0]

@@ -25,6 +25,7 @@ integrated out by the matrix inversion lemma, L within each window and C over al
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +36,31 @@ from sim2real.diagnosis.settings.inference import Inference
 NEAR = 2  # octaves to either side that a sweep looks at
 HALF = 0.5  # of a square, in the exponent of a Gaussian
 SHIFTS = np.arange(-1, 5)  # doublings of a window's own discrepancy
+
+
+class Basis(NamedTuple):
+    """Eigenvectors Q and eigenvalues of the correlations of W windows' rows, for T times."""
+
+    spread: np.ndarray  # (T, W, N)
+    vectors: np.ndarray  # (T, W, N, N)
+
+    def part(self, windows: np.ndarray) -> Basis:
+        """Return that of some windows, (n,)."""
+        return Basis(self.spread[:, windows], self.vectors[:, windows])
+
+
+def decompose(times: np.ndarray, used: np.ndarray, correlations: Sequence[float]) -> Basis:
+    """Return the basis in which a discrepancy is diagonal.
+
+    Args:
+        times: of the rows [s], (W, N).
+        used: which of them there are, (W, N) bool.
+        correlations: correlation times [s], (T,).
+    """
+    gap = np.abs(times[:, :, None] - times[:, None, :])
+    both = used[:, :, None] & used[:, None, :]
+    kernels = [np.where(both, np.exp(-gap / tau), 0.0) for tau in correlations]
+    return Basis(*np.linalg.eigh(np.stack(kernels)))
 
 
 class Projection(NamedTuple):
@@ -65,6 +91,7 @@ class Likelihood:
         local: one standard deviation of each unknown of a window, (W, N, M, L).
         common: one standard deviation of each error of all windows, (W, N, M, U).
         settings: the grid of the discrepancy, and how long it is refined.
+        basis: of these times, see `decompose`; None: it is computed.
     """
 
     def __init__(
@@ -75,17 +102,14 @@ class Likelihood:
         local: np.ndarray,
         common: np.ndarray,
         settings: Inference,
+        basis: Basis | None = None,
     ) -> None:
         self.used, self.noise, self.settings = used, noise, settings
+        self.basis = decompose(times, used, settings.correlations_s) if basis is None else basis
         self.sizes = np.concatenate([[0.0], 2.0 ** np.arange(-1, settings.octaves)])  # (S,)
         self.log_prior = _log_shifts(settings.freedom)
-        gap = np.abs(times[:, :, None] - times[:, None, :])
-        both = used[:, :, None] & used[:, None, :]
-        kernels = [np.where(both, np.exp(-gap / tau), 0.0) for tau in settings.correlations_s]
-        spread, self._basis = np.linalg.eigh(np.stack(kernels))  # (T, W, N), (T, W, N, N)
-        scale = (
-            1 + self.sizes[:, None, None] ** 2 * np.maximum(spread, 0.0)[:, None]
-        )  # (T, S, W, N)
+        growth = np.maximum(self.basis.spread, 0.0)[:, None]
+        scale = 1 + self.sizes[:, None, None] ** 2 * growth  # (T, S, W, N)
         variance = scale[:, :, None] * noise[:, None, None] ** 2  # (T, S, M, W, N)
         self._inverse = 1.0 / variance
         rows = used.sum(axis=1)
@@ -102,8 +126,8 @@ class Likelihood:
         """Return values (W, N, M, ...) in the bases of all correlation times, (T, M, W, N, ...)."""
         joints_first = np.moveaxis(values, 2, 0)  # (M, W, N, ...)
         flat = joints_first.reshape(*joints_first.shape[:3], -1)
-        turned = np.swapaxes(self._basis, -1, -2)[:, None] @ flat
-        return turned.reshape(len(self._basis), *joints_first.shape)
+        turned = np.swapaxes(self.basis.vectors, -1, -2)[:, None] @ flat
+        return turned.reshape(len(self.basis.vectors), *joints_first.shape)
 
     def project(self, errors: np.ndarray) -> Projection:
         """Return errors (W, N, M) as the other methods need them."""
@@ -180,7 +204,7 @@ class Likelihood:
         gram = np.zeros((len(windows), *2 * (count + some.shape[-1],)))
         for joint, (time, size) in enumerate(zip(trained.time, trained.size, strict=True)):
             own = self._shifted(size, trained.shift[windows])
-            basis = self._basis[time, windows]
+            basis = self.basis.vectors[time, windows]
             turned = np.swapaxes(basis, -1, -2) @ some[:, :, joint]
             both = np.concatenate([self._turned[time, joint, windows], turned], axis=-1)
             weight = self._inverse[time, own, joint, windows]
@@ -241,7 +265,7 @@ class Likelihood:
         rest = self._parts(projection, windows, cap, time, size, shift[windows], joint)
         low, high = max(size[joint] - NEAR, 0), min(size[joint] + NEAR, cap[joint])
         times, sizes = np.meshgrid(
-            np.arange(len(self._basis)), np.arange(low, high + 1), indexing="ij"
+            np.arange(len(self.basis.vectors)), np.arange(low, high + 1), indexing="ij"
         )
         times, sizes = times.ravel(), sizes.ravel()  # (c,)
         own = np.clip(sizes[:, None] + SHIFTS[shift[windows]], 0, cap[joint])  # (c, n)

@@ -30,7 +30,7 @@ class LogChange:
         neutral: values at which nothing is wrong, (P,).
         low: smallest values, (P,).
         high: largest values, (P,).
-        value: what is told as its value where it has none to fit.
+        value: what is reported as its value where it has none to fit.
         other: the second joint, if there is one.
         unit: of the first value.
         whole: whether values are whole numbers.
@@ -76,7 +76,7 @@ class LogChange:
         return f"{', '.join(names)}: {self.remedy.format(*values)}"
 
     def first(self, values: np.ndarray) -> float:
-        """Return the value that is told."""
+        """Return the value that is reported."""
         return float(values[0]) if len(values) else self.value
 
     def log_scale(self, values: np.ndarray) -> Mapping[str, float]:

@@ -5,16 +5,18 @@ start = join_members(best, (member,), member.probes)         # from where a fit 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from sim2real.diagnosis.inference.candidates import in_the_way
+from sim2real.diagnosis.inference.candidates import Candidate, in_the_way
 from sim2real.diagnosis.inference.fit import Fit, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
 from sim2real.diagnosis.inference.log_change import LogChange
 from sim2real.diagnosis.inference.score import FOLDS
+
+ALIKE = ("unit", "place", "where", "variant", "how")  # what laws of one kind have in common
 
 
 def make_start(member: Member) -> Start:
@@ -33,7 +35,7 @@ def restart(fit: Fit) -> Start:
 
 
 def are_compatible(hypothesis: Hypothesis, member: Member) -> bool:
-    """Return whether a change can stand beside those of a hypothesis."""
+    """Return whether a change can be combined with those of a hypothesis."""
     return all(_compatible(member, other) for other in hypothesis.members)
 
 
@@ -68,10 +70,45 @@ def without(fit: Fit, place: int) -> Start:
     return Start(fit.hypothesis.without(place), fit.values[None][..., kept])
 
 
-def drop_member(fit: Fit, place: int) -> Fit:
-    """Return a fit without one member, as what others are joined to; its errors stay."""
-    start = without(fit, place)
-    return replace(fit, hypothesis=start.hypothesis, values=start.points[0])
+def list_simpler(fit: Fit, place: int, others: Iterable[Member]) -> list[Start]:
+    """Return a fit with simpler laws in the place of a member, at the values that they share.
+
+    A simpler law is an effect of the same unit at the same place and side that lacks some of the
+    member's further values, as friction without a Stribeck curve does.
+
+    Args:
+        fit: the explanation.
+        place: of the member.
+        others: what may stand there.
+    """
+    member, column = fit.hypothesis.members[place], fit.hypothesis.columns[place]
+    if not isinstance(member, Candidate):
+        return []
+    rest, values = without(fit, place), fit.values[:, column]
+    base = replace(fit, hypothesis=rest.hypothesis, values=rest.points[0])
+    names = _names_of(member)
+    found = {}
+    for other in others:
+        if isinstance(other, Candidate) and _is_simpler(other, member):
+            kept = [names.index(name) for name in _names_of(other)]
+            start = join_members(base, (other,), other.neutral[None])
+            own = start.hypothesis.columns[start.hypothesis.members.index(other)]
+            start.points[..., own] = values[:, kept]
+            found[other.label] = start
+    return list(found.values())
+
+
+def _names_of(member: Candidate) -> list[str]:
+    """Return the names of a member's values, the first of which is the effect's own."""
+    free = list(member.effect.free)
+    count = len(member.neutral) - len(free)
+    return [*(str(number) for number in range(count)), *free]
+
+
+def _is_simpler(other: Candidate, member: Candidate) -> bool:
+    pairs = ((getattr(one.effect, name) for one in (other, member)) for name in ALIKE)
+    same = all(one == two for one, two in pairs)
+    return same and set(_names_of(other)) < set(_names_of(member))
 
 
 def is_part(one: Hypothesis, other: Hypothesis) -> bool:

@@ -36,7 +36,7 @@ from sim2real.diagnosis.settings import TINY
 LENGTHS = (0.1, 0.2, 0.4, 0.8)  # s: of a push
 BEFORE = (0.0, 0.05, 0.1)  # s: by which it begins before its effect is seen
 PART = 0.7  # of what is left, that has to lie where it is said to lie
-MOST = 4  # pushes that are looked for
+MOST = 8  # windows that are looked at, those with most left
 LONGEST = 1e6  # s
 
 
@@ -118,15 +118,14 @@ def find_pushes(fitter: Fitter, fit: Fit, left: np.ndarray) -> tuple[Pushed, ...
         fit: the explanation so far.
         left: what it leaves of each reading, (W, N, M).
     """
-    found, rest = [], left.copy()
-    for _ in range(MOST):
-        window = int(rest.sum(axis=(1, 2)).argmax())
-        push = _find_push(fitter, fit, rest, window)
-        if push is None:
-            break
-        found.append(push)
-        rest[window] = 0.0
-        if rest.sum() < (1 - PART) * left.sum():
+    found, held = [], 0.0
+    of_window = left.sum(axis=(1, 2))
+    for window in np.argsort(-of_window)[:MOST].tolist():
+        push = _find_push(fitter, fit, left, window)
+        if push is not None:
+            found.append(push)
+            held += of_window[window]
+        if held >= PART * of_window.sum():
             return tuple(sorted(found, key=lambda one: -one.evidence))
     return ()
 
@@ -181,7 +180,7 @@ def _candidate(joint: str) -> Candidate:
 def _job(
     hypothesis: Hypothesis, values: np.ndarray, push: Candidate, span: Pair, some: np.ndarray
 ) -> Job:
-    """Return a window with a push of one newton metre beside a hypothesis."""
+    """Return a window with a push of one newton metre added to a hypothesis."""
     count = sum(len(member.neutral) for member in hypothesis.effects)
     pushed = Hypothesis((*hypothesis.effects, push, *hypothesis.changes))
     return Job(pushed, np.insert(values, [count] * 3, [1.0, *span])[None], some)

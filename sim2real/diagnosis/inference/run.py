@@ -41,7 +41,7 @@ class About(NamedTuple):
         exclude: effects that explain nothing.
         fixed: effects that are in the model.
         rng: for all intervals.
-        moving: told what is being tried.
+        moving: receives what is being tried.
         work: counts what is simulated, by stage.
         restart: returns the windows whose starts were estimated with some effects in the model;
             None: starts are known. Where it is given, logs are taken as they are: an estimate was

@@ -2,7 +2,7 @@
 
     lines = trace_lines(fitter, base, vocabulary.list_starts(errors, joints))
     starts = pick_starts(base, lines, 12) + pick_pairs(fitter, base, lines, 12)
-    pick_alike(fitter, base, lines, member, 4)      # what does about the same
+    pick_alike(fitter, best, rest, lines, 4)        # what does about the same as a member
 
 Each change is replayed at its probes. With e the errors of the base and r what a probe changes,
 e + a r is the errors' straight line through both, and the log density gains
@@ -34,7 +34,7 @@ SMALLEST = 0.02  # times a probe at least; less is no change
 
 
 class Line(NamedTuple):
-    """The straight line of one change, through its best probe."""
+    """The straight line of one change through one of its probes."""
 
     member: Member
     point: np.ndarray  # (P,) the probe
@@ -44,7 +44,7 @@ class Line(NamedTuple):
 
 
 def pick_starts(base: Fit, lines: Sequence[Line], most: int) -> list[Start]:
-    """Return the changes that promise most beside a base, at their best along a straight line.
+    """Return the changes that promise most with a base, at their best along a straight line.
 
     Args:
         base: fitted to the windows that are looked at, with what is known.
@@ -55,41 +55,53 @@ def pick_starts(base: Fit, lines: Sequence[Line], most: int) -> list[Start]:
 
 
 def _pick(lines: Sequence[Line], most: int) -> list[Line]:
-    return sorted(lines, key=lambda line: -line.gain)[:most]
+    """Return each change's line through its best probe, of those that promise most."""
+    best: dict[str, Line] = {}
+    for line in sorted(lines, key=lambda line: -line.gain):
+        best.setdefault(line.member.label, line)
+    return list(best.values())[:most]
 
 
 def pick_alike(
-    fitter: Fitter, base: Fit, lines: Sequence[Line], member: Member, most: int
-) -> list[Line]:
-    """Return the changes whose lines are most nearly parallel to a member's, in this metric.
+    fitter: Fitter, best: Fit, rest: Fit, lines: Sequence[Line], most: int
+) -> list[Start]:
+    """Return what changes the errors most nearly as a member does, in its place and as far.
+
+    A change's probe is the one whose line is most nearly parallel, in this metric.
 
     Args:
         fitter: of the windows that are looked at.
-        base: beside which the lines were traced.
+        best: the explanation that has the member.
+        rest: the same values without it.
         lines: of all changes.
-        member: one of them.
         most: how many are returned.
     """
-    place = next((k for k, line in enumerate(lines) if line.member.label == member.label), None)
-    if place is None:
-        return []
-    own, near = lines[place], []
+    own, there = best.own - rest.own, {member.label for member in best.hypothesis.members}
+    lines = [line for line in lines if line.member.label not in there]
+    lines = [line for line in lines if are_compatible(rest.hypothesis, line.member)]
+    found: dict[str, tuple[float, Start]] = {}
     for first in range(0, len(lines), CHUNK):
         some = lines[first : first + CHUNK]
-        _, curve = _products(fitter, base, [own.change, *(line.change for line in some)])
+        _, curve = _products(fitter, best, [own, *(line.change for line in some)])
         sizes = np.sqrt(np.maximum(np.diag(curve), TINY))
-        near += list(np.abs(curve[0, 1:]) / (sizes[0] * sizes[1:]))
-    order = [k for k in np.argsort(near)[::-1] if k != place]
-    return [lines[k] for k in order[:most]]
+        near = np.abs(curve[0, 1:]) / (sizes[0] * sizes[1:])
+        scales = curve[0, 1:] / sizes[1:] ** 2
+        for line, parallel, scale in zip(some, near, scales, strict=True):
+            label = line.member.label
+            if label not in found or parallel > found[label][0]:
+                scale = float(np.clip(scale, *_reach(line.member)))
+                found[label] = float(parallel), join_lines(rest, [line], [scale])
+    order = sorted(found.values(), key=lambda one: -one[0])
+    return [start for _, start in order[:most]]
 
 
 def trace_lines(fitter: Fitter, base: Fit, starts: Sequence[Start]) -> list[Line]:
-    """Return the best line of each change that can stand beside the base."""
+    """Return the lines of each change that can join the base, one through each probe."""
     own = [s for s in starts if are_compatible(base.hypothesis, s.hypothesis.members[0])]
     asked = [(s, point) for s in own for point in s.points]
     joined = [join_members(base, s.hypothesis.members, point[None]) for s, point in asked]
     errors = fitter.replay_points(joined)
-    best: dict[str, Line] = {}
+    lines = []
     for first in range(0, len(asked), CHUNK):
         some = asked[first : first + CHUNK]
         changes = [error - base.own for error in errors[first : first + CHUNK]]
@@ -98,12 +110,9 @@ def trace_lines(fitter: Fitter, base: Fit, starts: Sequence[Start]) -> list[Line
             (member,) = start.hypothesis.members
             scale = float(np.clip(-slope[k] / max(curve[k, k], TINY), *_reach(member)))
             gain = -(slope[k] + curve[k, k] * scale / 2) * scale
-            line = Line(member, point, changes[k], scale, gain)
-            if abs(scale) > SMALLEST and (
-                member.label not in best or gain > best[member.label].gain
-            ):
-                best[member.label] = line
-    return list(best.values())
+            if abs(scale) > SMALLEST:
+                lines.append(Line(member, point, changes[k], scale, gain))
+    return lines
 
 
 def _products(

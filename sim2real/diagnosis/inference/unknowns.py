@@ -1,4 +1,4 @@
-"""What nobody knows of windows beside their noise: their starts, their clock, usual errors.
+"""What is unknown of windows in addition to their noise: their starts, their clock, usual errors.
 
     error, local, common = compute_unknowns(replayer, hypothesis, values)
 

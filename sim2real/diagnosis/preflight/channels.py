@@ -132,7 +132,8 @@ def _loss(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
                 continue
             for part in log.episodes():
                 q = part.column(column)
-                step = max(step_of(log.column(column), settings.encoder), limits.count_min)
+                step = step_of(log.column(column)[log.fresh], settings.encoder)
+                step = max(step, limits.count_min)
                 if len(q) <= len(("before", "same", "after")):
                     continue
                 same = q[1:-2] == q[2:-1]
@@ -150,14 +151,14 @@ def _loss(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
                 "Look at the cable and the bus's load; simulate it with the effect packet_loss.",
             )
     for log, _ in pairs:
-        fresh = log.columns.get("flag.fresh")
-        if fresh is not None and np.mean(fresh <= 0) > limits.lost_share:
-            share = float(np.mean(fresh <= 0))
+        share = float(np.mean(~log.fresh))
+        if share > limits.lost_share:
             yield Finding(
                 "packet_loss",
                 None,
                 f"{share:.1%} of the rows of {name_of(log)} lack a servo's answer (flag.fresh).",
-                "Look at the cable and the bus's load; simulate it with the effect packet_loss.",
+                "No action needed where joints are read less often than commands are sent; else "
+                "look at the cable and the bus's load; simulate it with the effect packet_loss.",
             )
 
 
@@ -216,9 +217,9 @@ def _ranged(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
             next(iter(found)) if len(found) == 1 else None,
             "Positions are in another unit, or counted from elsewhere: "
             f"{'; '.join(found.values())}.",
-            "Give them in rad; a columns.yaml beside the log says how: `unit: deg`, "
+            "Give them in rad; a columns.yaml next to the log says how: `unit: deg`, "
             "`unit: counts/4096` with `zero: 2048`, or a `scale` and an `offset` of your own "
-            "(docs/logs.md).",
+            "(docs/reference/log_format.md).",
         )
 
 
@@ -232,9 +233,9 @@ def _ranges(model: mujoco.MjModel) -> dict[str, float]:
         if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE and model.jnt_limited[i]:
             found[model.joint(i).name] = float(np.abs(model.jnt_range[i]).max())
     for i in range(model.nu):
-        joint = model.joint(int(model.actuator_trnid[i, 0]))
         if model.actuator_trntype[i] != mujoco.mjtTrn.mjTRN_JOINT or not is_joint_servo(model, i):
             continue
+        joint = model.joint(int(model.actuator_trnid[i, 0]))
         if joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE:
             limited = bool(model.actuator_ctrllimited[i])
             reach = float(np.abs(model.actuator_ctrlrange[i]).max()) if limited else 2 * np.pi
@@ -308,7 +309,8 @@ def _saturated(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray:
 def _resolution(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """The encoder's steps."""
     for joint in joints_of(pairs):
-        values = [log.column(f"qpos.{joint}") for log, _ in pairs if f"qpos.{joint}" in log.columns]
+        column = f"qpos.{joint}"
+        values = [log.column(column)[log.fresh] for log, _ in pairs if column in log.columns]
         step = step_of(np.concatenate(values), settings.encoder)
         if step > 0:
             unit = unit_of(pairs, joint)

@@ -80,7 +80,8 @@ def _noise(logs: Sequence[Log], settings: Settings) -> list[Finding]:
     """Joints whose readings scatter by more than their counts."""
     found, limits = [], settings.checks
     for joint, floor in noise_floor(logs, settings).items():
-        values = [log.column(f"qpos.{joint}") for log in logs if f"qpos.{joint}" in log.columns]
+        column = f"qpos.{joint}"
+        values = [log.column(column)[log.fresh] for log in logs if column in log.columns]
         least = rounding(step_of(np.concatenate(values), settings.encoder))
         if floor > limits.noise * max(least, limits.rounding_min):
             found.append(
@@ -121,8 +122,8 @@ def _causes(found: Sequence[Finding], turned: dict[str | None, str]) -> list[Fin
         cause = everywhere or first.get(turned.get(finding.where, finding.where))
         return finding.check in FOLLOWS and cause not in (None, finding)
 
-    told = {(EXPLAINS[f.check], f.where) for f in found if f.check in EXPLAINS}
-    return [f for f in found if not follows(f) and (f.check, f.where) not in told]
+    explained = {(EXPLAINS[f.check], f.where) for f in found if f.check in EXPLAINS}
+    return [f for f in found if not follows(f) and (f.check, f.where) not in explained]
 
 
 def _merged(found: Sequence[Finding]) -> list[Finding]:

@@ -7,7 +7,7 @@ A loop that has become unstable swings until something bounds it: play, dry fric
 limit. How it begins says what made it unstable, and a simulation can follow that. Later the phase
 hangs on every small error, and the right cause is as far off as a wrong one: windows end where it
 goes on, and begin where the loop is at rest again (`data/windows.py`). Whether a model hunts in its
-own time, how fast and how far, is told beside that.
+own time, how fast and how far, is reported in addition.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def tell_simulated(
         settings: what counts as hunting.
     """
     actuators = {joint: actuator for actuator, joint in driven.items()}
-    told = []
+    completed = []
     for finding in findings:
         joint = finding.where
         if finding.check == "hunting" and joint is not None:
@@ -91,8 +91,8 @@ def tell_simulated(
             seen = [(n, _simulated(gaps, actuator, joint, settings)) for n, gaps in models]
             words = "; ".join(f"{name}, the simulator {_words(hunts)}" for name, hunts in seen)
             finding = replace(finding, finding=f"{finding.finding} {words}.")
-        told.append(finding)
-    return told
+        completed.append(finding)
+    return completed
 
 
 def hunts_alone(
@@ -130,7 +130,7 @@ def _each(
     log: Log, angle: np.ndarray, actuator: str, joint: str, settings: Limits
 ) -> Iterator[tuple[slice, list[Hunt]]]:
     """Yield the rows of each episode, and where an angle hunts in them, its servo on."""
-    least = settings.counts * step_of(log.column(f"qpos.{joint}"))
+    least = settings.counts * step_of(log.column(f"qpos.{joint}")[log.fresh])
     command, start = log.column(f"ctrl.{actuator}"), 0
     others = [log.column(f"ctrl.{name}") for name in log.actuators if name != actuator]
     off = log.columns.get(f"torque.{actuator}", np.ones(len(log))) <= 0

@@ -1,4 +1,4 @@
-"""Axes: where a value is drawn, and which round numbers stand beside it.
+"""Axes: where a value is drawn, and which round numbers label it.
 
     axis = Linear(0.0, 0.3, start=52, end=324)
     axis(0.1), list(axis.ticks(4))               # a coordinate; (value, text) of each number

@@ -22,7 +22,7 @@ from sim2real.diagnosis.settings import TINY
 
 MILLI = 1e3
 NUMBERS = 4  # on a scale, about
-STEPPED = ("before", "after", "floor")  # rungs beside the steps
+STEPPED = ("before", "after", "floor")  # rungs other than the steps
 
 
 def ladder(report: Report) -> dict[str, Any]:

@@ -3,7 +3,7 @@
     write_comparison("comparison.html", earlier, later)
 
 The same robot before and after a repair, two robots of one make, or one log under two models. It
-sets values and intervals beside each other and tests nothing: intervals that do not overlap are
+sets values and intervals side by side and tests nothing: intervals that do not overlap are
 said to differ.
 """
 

@@ -26,15 +26,15 @@ def links(logs: Iterable[Log]) -> dict[str, Mapping[str, Any]]:
 def table(inputs: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return the rows of the page's table: one for each servo; times in milliseconds."""
     rows = []
-    for name, told in inputs.get("link", {}).items():
-        period = told["period"]
+    for name, quality in inputs.get("link", {}).items():
+        period = quality["period"]
         times = [f"{1e3 * period[f'p{p}']:.1f}" if period else "–" for p in PERCENTILES]
-        score = told.get("score")
+        score = quality.get("score")
         common = {
             "log": Path(name).name,
             "periods": times,
-            "overruns": told["overruns"],
+            "overruns": quality["overruns"],
             "score": "–" if score is None else f"{score['score']:.2f}",
         }
-        rows += [common | {"servo": servo, **counts} for servo, counts in told["servos"].items()]
+        rows += [common | {"servo": servo, **counts} for servo, counts in quality["servos"].items()]
     return rows

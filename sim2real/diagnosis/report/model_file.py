@@ -18,6 +18,7 @@ import numpy as np
 
 from envs.effects import Effect, FieldEffect
 from envs.effects.layout import compile_structure
+from envs.effects.structure import SeriesEffect
 from envs.plant import Fixed, Plant
 from sim2real.runs.files import write_text
 
@@ -60,6 +61,8 @@ def mjcf_limitation(effect: Effect) -> str | None:
 
 def apply(spec: mujoco.MjSpec, effects: Sequence[Fixed]) -> mujoco.MjSpec:
     """Return a copy of the spec with effects that MJCF can say written into its elements."""
+    # a play or spring of size 0 is absent, and its joint would be free
+    effects = [(e, v) for e, v in effects if v[0] or not isinstance(e, SeriesEffect)]
     own = [(e, values) for e, values in effects if e.own_mjcf]
     plain = [(e, values) for e, values in effects if not e.own_mjcf]
     plant = Plant(spec, num_rows=1, fixed=plain)

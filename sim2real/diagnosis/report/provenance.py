@@ -10,7 +10,7 @@ from typing import Any
 
 from sim2real.diagnosis.settings import Row
 
-HASH, HASHES = 12, 3  # digits of a hash beside the verdict, and how many stand there
+HASH, HASHES = 12, 3  # digits of a hash next to the verdict, and how many hashes are shown
 
 
 def number(value: Any) -> str:

@@ -61,12 +61,12 @@ def robot(model: mujoco.MjModel, shares: Mapping[str, float]) -> Markup:
     parts = [_draw(shape, place, scale) for shape in shapes]
     marks = {name: place(point) for name, point in joints.items()}
     parts += list(_marks(marks, shares))
-    told = ", ".join(f"{name} {text.percent(share)}" for name, share in shares.items())
+    listed = ", ".join(f"{name} {text.percent(share)}" for name, share in shares.items())
     head = Markup(
         '<svg class="plot robot" viewBox="0 0 {:.0f} {:.0f}" role="img"'
         ' aria-label="The robot; shares of the gap by joint: {}">'
     )
-    return head.format(WIDTH, HEIGHT, told) + Markup("").join(parts) + Markup("</svg>")
+    return head.format(WIDTH, HEIGHT, listed) + Markup("").join(parts) + Markup("</svg>")
 
 
 def at_home(model: mujoco.MjModel) -> mujoco.MjData:
@@ -171,8 +171,8 @@ def _marks(marks: Mapping[str, np.ndarray], shares: Mapping[str, float]) -> Iter
         radius, tint = DISC + DISC_GROWTH * np.sqrt(max(shares[name], 0.0)), _tint(shares[name])
         disc = Markup('<circle class="joint" cx="{:.1f}" cy="{:.1f}" r="{:.1f}" {}/>')
         yield disc.format(x, y, radius, Markup('style="--tint: {}"').format(tint))
-    told = sorted((n for n in marks if shares[n] >= LEAST), key=lambda n: -shares[n])[:NAMED]
-    for side, names in _sides(marks, told):
+    named = sorted((n for n in marks if shares[n] >= LEAST), key=lambda n: -shares[n])[:NAMED]
+    for side, names in _sides(marks, named):
         for name, row in zip(names, _rows([float(marks[n][1]) for n in names]), strict=True):
             x, y = marks[name]
             end = END if side == "start" else WIDTH - END

@@ -16,7 +16,7 @@ from sim2real.diagnosis.settings import TINY
 SMALL = {"rad": "mrad", "m": "mm", "s": "ms", "N·m": "mN·m", "kg": "g", "V": "mV"}  # thousandths
 NOISE = 2.0  # floors that noise accounts for
 SINGLY = 4  # causes that a sentence names with their places
-CROWD = 3  # causes at one joint that may stand for a law that is missing (docs/blindcheck.md)
+CROWD = 3  # causes at one joint that may stand for a missing law: benchmarks/notebook/exam.md
 EVERYWHERE = "all joints alike"
 SUBTITLES = {
     "explained": "Explained",

@@ -71,7 +71,7 @@ def _traces(
     starts = np.array([data.windows[i].first - rows.start for i in inside], int)
     for j, joint in enumerate(data.joints):
         measured = log.column(f"qpos.{joint.name}")[rows].copy()
-        for i in inside:  # a turn is told from where its window starts
+        for i in inside:  # an angle counts its turns from where its window starts
             window = data.windows[i]
             own = slice(window.first - rows.start, window.last - rows.start)
             measured[own] = window.measured[:, j]

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 # Origins that many settings share.
 DEVELOPED = (
     "set by hand during development, with the cases of exam seeds 2026 and 2027 at hand"
-    " (docs/blindcheck.md); not studied one by one"
+    " (benchmarks/notebook/exam.md); not studied one by one"
 )
 JUDGED = "judgement; not studied"
 COST = "computing time: a finer value changes the answer little and costs more"

@@ -20,7 +20,8 @@ class ClosedLoopSettings:
         0.05,
         "1",
         "sliced Wasserstein distance that counts as none, of the channels' deviations",
-        "measured: emulated quad8 with nothing hidden, 0.030 and 0.043 (docs/ground.md)",
+        "measured: emulated quad8 with nothing hidden, 0.030 and 0.043"
+        " (benchmarks/notebook/walking.md)",
     )
     rate_error: float = setting(
         0.1, "1", "largest difference of the log's and the policy's rate", JUDGED

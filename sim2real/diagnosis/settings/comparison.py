@@ -41,7 +41,7 @@ class Compared:
     blocks_min: int = setting(
         8,
         "1",
-        "independent pieces below which nothing can be told",
+        "independent pieces below which nothing can be concluded",
         "derived: 2^-8 is well below the probability of a false alarm",
     )
     logs_min: int = setting(
@@ -63,7 +63,7 @@ class Compared:
     apart: float = setting(
         0.05,
         "1",
-        "share of its response that an effect has to itself, beside those it is compared with",
+        "share of its response that an effect has to itself, among those it is compared with",
         "measured: of 15 % more friction at one of two joints that became warmer, 0.07 to 0.7",
     )
     step: float = setting(
@@ -96,7 +96,7 @@ class Compared:
     excused_rounds: int = setting(
         2, "1", "times that what is put down to other things is simulated", COST
     )
-    shared_max: int = setting(2, "1", "effects fitted to both sides, beside friction", COST)
+    shared_max: int = setting(2, "1", "effects fitted to both sides, in addition to friction", COST)
     shared_worth: float = setting(
         0.1, "1", "share of the gap that a further shared effect closes at least", JUDGED
     )

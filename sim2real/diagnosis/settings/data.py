@@ -102,9 +102,6 @@ class Dataset:
         3.0, "1", "encoder counts below which a joint did not move", JUDGED
     )
     count_min: float = setting(1e-4, "rad", "an encoder count is taken as at least this", JUDGED)
-    scale_min: float = setting(
-        1e-6, "rad", "least spread that errors of mixed robots are divided by", JUDGED
-    )
     seconds_min: float = setting(
         1.0, "s", "recordings needed in all", "derived: a block of a second for an interval"
     )
@@ -138,7 +135,7 @@ class Bootstrap:
     """The block bootstrap of all intervals."""
 
     draws: int = setting(400, "1", "resamples", COST)
-    bin_s: float = setting(0.25, "s", "bins in which the residue's autocorrelation is told", COST)
+    bin_s: float = setting(0.25, "s", "bins in which the residue's autocorrelation is taken", COST)
     blocks_min: int = setting(
         32,
         "1",

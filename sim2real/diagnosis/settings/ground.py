@@ -13,7 +13,7 @@ GAIT = "set by hand on walks of an emulated quad8 (benchmarks/ground.py, seed 1)
 class Ground:
     """The estimate of a base that nobody measured, and windows that start from it."""
 
-    rounds: int = setting(6, "1", "rounds in which soles are told to stand or slip", COST)
+    rounds: int = setting(6, "1", "rounds in which standing and slipping soles are sorted", COST)
     gap_m: float = setting(0.004, "m", "gap at which a sole hardly stands any more", GAIT)
     leave_m: float = setting(
         5e-4, "m", "height above its lowest sole from which a base flies", "derived: encoder counts"
@@ -25,8 +25,8 @@ class Ground:
     stance_m_s2: float = setting(
         8.0, "m/s²", "change of the base's speed while soles touch, without accelerometer", GAIT
     )
-    flight_m_s2: float = setting(2.0, "m/s²", "the same in flight, beside gravity", JUDGED)
-    felt_m_s2: float = setting(3.0, "m/s²", "the same beside what the accelerometer says", JUDGED)
+    flight_m_s2: float = setting(2.0, "m/s²", "the same in flight, without gravity", JUDGED)
+    felt_m_s2: float = setting(3.0, "m/s²", "the same with an accelerometer", JUDGED)
     prior: float = setting(1e-3, "1", "weight of standing still, in squares of 1/speed", JUDGED)
     upright_s: float = setting(1.0, "s", "time over which felt acceleration points up", JUDGED)
     bend_doubt: float = setting(0.1, "1", "doubt of a slope, of its change between rows", JUDGED)
@@ -36,7 +36,7 @@ class Ground:
         (0.15, 0.4), "m/s", "least and largest doubt of the base's speed", JUDGED
     )
     window_s: float = setting(0.3, "s", "length of a window", GAIT)
-    difference: float = setting(0.5, "1", "deviations over which responses are told", JUDGED)
+    difference: float = setting(0.5, "1", "deviations over which responses are computed", JUDGED)
     height_doubt: float = setting(0.003, "m", "doubt of the base's height", JUDGED)
     turn_doubt: float = setting(0.005, "rad", "doubt of the base's turn", JUDGED)
     reading_doubt: float = setting(0.002, "rad", "doubt of a joint's position", JUDGED)
@@ -44,7 +44,7 @@ class Ground:
         0.02, "s", "readings may be late by so much: doubt of positions, over usual speeds", JUDGED
     )
     turn_floor: float = setting(0.002, "rad", "noise of the base's turn", JUDGED)
-    error_rad: float = setting(0.002, "rad", "errors beside those of a wrong start", JUDGED)
+    error_rad: float = setting(0.002, "rad", "errors other than those of a wrong start", JUDGED)
     trusted_rad: float = setting(
         0.004, "rad", "rest up to which starts follow the model that leaves it", GAIT
     )
@@ -58,17 +58,17 @@ class Ground:
     grip_floors: float = setting(0.5, "1", "change in floors from which friction is known", JUDGED)
     stands: float = setting(0.5, "1", "touch from which a sole stands", JUDGED)
     seen: float = setting(0.02, "1", "share of the rows in which a sole is a foot", JUDGED)
-    slips: float = setting(0.1, "1", "share of its stance from which a slip is told", JUDGED)
-    bias_rad_s: float = setting(0.02, "rad/s", "bias of a gyro that is told", JUDGED)
-    scale_off: float = setting(0.1, "1", "error of a gyro's scale that is told", JUDGED)
-    late_s: float = setting(0.004, "s", "latency of a gyro that is told", JUDGED)
+    slips: float = setting(0.1, "1", "share of its stance from which a slip is reported", JUDGED)
+    bias_rad_s: float = setting(0.02, "rad/s", "bias of a gyro that is reported", JUDGED)
+    scale_off: float = setting(0.1, "1", "error of a gyro's scale that is reported", JUDGED)
+    late_s: float = setting(0.004, "s", "latency of a gyro that is reported", JUDGED)
     smoothing: tuple[float, float, float] = setting(
         (1 / 6, 2 / 3, 1 / 6), "1", "weights of three rows", "derived: Simpson's rule"
     )
     edge: int = setting(2, "1", "rows at an episode's ends that slopes leave out", JUDGED)
     tilt_most: float = setting(0.15, "rad", "largest turn of the ground that is tried", JUDGED)
     tilt_grid: int = setting(13, "1", "turns tried about each axis", COST)
-    tilt_rad: float = setting(0.02, "rad", "turn of the ground that is told", JUDGED)
+    tilt_rad: float = setting(0.02, "rad", "turn of the ground that is reported", JUDGED)
     tilt_better: float = setting(
         0.7, "1", "distance between the two lowest soles with that turn, of that without", JUDGED
     )

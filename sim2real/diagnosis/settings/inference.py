@@ -50,7 +50,7 @@ class Inference:
     damping_ratio: float = setting(
         1000.0, "1", "ratio of the two dampings that are tried side by side", COST
     )
-    rounds: int = setting(4, "1", "Gauss-Newton steps at most", COST)
+    rounds: int = setting(8, "1", "Gauss-Newton steps at most", COST)
     settled: float = setting(0.5, "1", "gain of a step [nats] below which a fit has settled", COST)
     reach: float = setting(
         5.0, "1", "standard deviation of a value, in the largest of its probes", JUDGED
@@ -126,7 +126,7 @@ class Cogging:
     )
     slow: float = setting(0.7, "rad/s", "faster rows are ignored", DEVELOPED)
     turned: float = setting(0.8, "rad", "a joint that turned less shows only a mean", DEVELOPED)
-    trend_order: int = setting(3, "1", "degree of the polynomial beside a ripple", DEVELOPED)
+    trend_order: int = setting(3, "1", "degree of the polynomial under a ripple", DEVELOPED)
     stiffness_min: float = setting(0.1, "N·m/rad", "least stiffness of a servo", JUDGED)
     rows_min: int = setting(50, "1", "rows needed", JUDGED)
     off_share: float = setting(0.05, "1", "windows without torque for longer are left out", JUDGED)

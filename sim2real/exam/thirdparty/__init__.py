@@ -1,1 +1,1 @@
-"""Robots that other engines move, with servos, buses, friction, play and springs of their own."""
+"""Robots of other engines, with separate models of servos, buses, friction, play and springs."""

@@ -29,7 +29,7 @@ class Bus:
     def read(
         self, stamps: np.ndarray, times: np.ndarray, path: np.ndarray, rng: np.random.Generator
     ) -> np.ndarray:
-        """Return what the program reads in the rows of these stamps, (T, n) [rad].
+        """Return the program's readings in the rows of these stamps, (T, n) [rad].
 
         Args:
             stamps: when the rows' commands are written [s], (T,).

@@ -71,7 +71,7 @@ def _shape(link: Link) -> tuple[Any, ...]:
 
 
 def load_drake() -> Any:
-    """Return what is needed of Drake; its stubs ask for arrays that NumPy's types cannot be."""
+    """Return Drake's modules as Any: its stubs ask for arrays that NumPy's types cannot be."""
     from pydrake import math
     from pydrake.multibody import plant, tree
     from pydrake.systems import analysis

@@ -43,15 +43,15 @@ AGAIN = 8.0  # s of the first motion that are driven twice: what noise does
 
 @dataclass(frozen=True)
 class EngineExam(Examiner):
-    """How many cases of which kinds.
+    """The numbers of cases by kind.
 
     Args:
         kinds: which; see `sim2real.exam.thirdparty.kinds`.
         cases_per_kind: of each of them.
-        half: calibration (to look at and to mend by) or sealed (opened once).
+        half: calibration (to look at and to develop with) or sealed (opened once).
         engine: what moves the robots: drake or dart.
         seconds: of each motion [s].
-        skip: leave out so many of the first cases of the draw: those that were opened before.
+        skip: number of the first drawn cases to leave out: those that were opened before.
         longest, block, most: see `Examiner`.
 
     Raises:

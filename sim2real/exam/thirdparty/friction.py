@@ -18,7 +18,7 @@ RATIO = 0.7  # damping ratio of a joint that sticks on its bristles
 
 @dataclass(frozen=True)
 class Friction:
-    """What rubs in a joint; everything 0 is nothing."""
+    """The friction of a joint; all values 0 mean none."""
 
     coulomb: float = 0.0  # dry friction at any speed [N·m]
     viscous: float = 0.0  # torque per speed [N·m·s/rad]

@@ -1,4 +1,4 @@
-"""What lies between motor and link: a spring, play, or both.
+"""The transmission between motor and link: a spring, play, or both.
 
     gear = Gear(stiffness=80.0, damping=0.05, play=0.02)
     torque = gear(twist=0.013, rate=0.0)            # N·m on the link, twist = motor - link
@@ -17,7 +17,7 @@ class Gear:
     stiffness: float  # [N·m/rad]
     damping: float  # [N·m·s/rad]
     play: float = 0.0  # the whole dead band [rad]
-    rub: float = 0.0  # dry friction beside the spring [N·m], which the robot adds as it moves
+    rub: float = 0.0  # dry friction parallel to the spring [N·m], which the robot adds as it moves
 
     def __call__(self, twist: float, rate: float) -> float:
         """Return the torque on the link [N·m].

@@ -1,11 +1,11 @@
-"""What these robots can hide, where, and in which sizes.
+"""Effects that these robots can hide, with places and sizes.
 
     effects = known(rig)                            # names that this robot can have
     truth = LAWS["backlash"].draw(rig, "elbow", rng)(0.03)  # of a size: an entry of an effects.yaml
     other = put(rig, {"effect": "backlash", **truth})       # the robot that hides it
 
-A size is a positive number in which every effect grows from nothing. Laws are those of the modules
-beside this one; the names are the vocabulary's, and nothing else is shared with it.
+A size is a positive number in which every effect grows from nothing. The models are those of this
+package's other modules; the names are the vocabulary's, and nothing else is shared with it.
 """
 
 import math
@@ -70,7 +70,7 @@ class Law:
 
 
 def units(rig: Rig, joint: str | None) -> dict[str, float]:
-    """Return what sizes multiply at a joint, at the first one for the robot."""
+    """Return the unit of sizes at a joint; for the robot, that of its first joint."""
     name = joint or rig.driven[0]
     one, link = rig.joints[name], rig.tree.mover(name)
     servo = one.servo
@@ -192,7 +192,7 @@ def _spring(rig: Rig, truth: Truth) -> Rig:
 
 
 def _hysteretic(rig: Rig, truth: Truth) -> Rig:
-    """A spring with dry friction beside it, between the same two sides."""
+    """A spring with dry friction parallel to it, between the same two sides."""
     soft = _spring(rig, truth)
     gear = soft.joints[truth["joint"]].gear
     assert gear is not None

@@ -2,7 +2,7 @@
 
     one = mark(key, report, closed=0.97)
 
-Rules, beside those of `sim2real.exam.score`:
+Rules, in addition to those of `sim2real.exam.score`:
 
 * Rank 1 and place are asked wherever something of the vocabulary is hidden; under a dirty
   background of the dominant effect.
@@ -28,7 +28,7 @@ SURE = 0.8  # confidence from which a cause that is none counts as wrong
 
 @dataclass(frozen=True, kw_only=True)
 class Mark(CaseMark):
-    """What became of one case; see `CaseMark`, and `sim2real.exam.thirdparty.kinds`."""
+    """The result of one case; see `CaseMark`, and `sim2real.exam.thirdparty.kinds`."""
 
     truths: tuple[str, ...]  # the names of what was hidden
     verdict: str  # of the report; "failed" without one
@@ -139,7 +139,7 @@ def _inside(
 
 
 def _as_wide(cause: Mapping[str, Any], members: list[Named]) -> list[Named]:
-    """Return what a cause names as one for the robot; of one joint it names nothing."""
+    """Return the members of a cause that are effects of the whole robot."""
     if cause.get("shared"):
         return [(effect, None) for effect, _ in members]
     return [(effect, where) for effect, where in members if where is None]

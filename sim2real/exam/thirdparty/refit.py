@@ -21,7 +21,7 @@ from sim2real.exam.thirdparty.robots import Robot, nominal, plan
 
 
 def refits(made: Made, robot: Robot, seed: int) -> dict[str, float]:
-    """Return what each effect of the vocabulary leaves of a law's gap, in floors.
+    """Return the gap that each effect of the vocabulary leaves of a model's, in noise floors.
 
     It stops at the first one that leaves no more than twice the floor.
 

@@ -120,9 +120,9 @@ class Rig:
         every = max(round(1 / self.firmware / self.step), 1)
         times = np.arange(-round(SETTLE / self.step), round(end / self.step) + 2) * self.step
         rows = np.maximum(np.searchsorted(arrivals, times, side="right") - 1, 0)
-        told = np.zeros((len(ctrl), len(names)))  # of a joint that nothing drives: 0, never read
-        told[:, shown] = ctrl
-        commands, path = told.tolist(), np.empty((len(times), len(shown)))
+        driven = np.zeros((len(ctrl), len(names)))  # of a joint that nothing drives: 0, never read
+        driven[:, shown] = ctrl
+        commands, path = driven.tolist(), np.empty((len(times), len(shown)))
         for k, (time, row) in enumerate(zip(times.tolist(), rows.tolist(), strict=True)):
             states = list(zip(moving, commands[row], q.tolist(), v.tolist(), strict=True))
             path[k] = [states[i][0].shown(states[i][2]) for i in shown]
@@ -149,7 +149,7 @@ class Moving:
         self._angle, self._speed, self._demand = angle, 0.0, 0.0
 
     def shown(self, angle: float) -> float:
-        """Return what the log's encoder shows while the link is at this angle [rad]."""
+        """Return the reading of the log's encoder while the link is at this angle [rad]."""
         own = self._joint.gear is not None and self._joint.log_reads == "motor"
         return self._encoded(self._angle if own else angle)
 

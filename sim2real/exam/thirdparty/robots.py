@@ -32,7 +32,7 @@ HELD = (60.0, 2.0)  # N·m/rad and N·m·s/rad with which a program makes a leg 
 
 @dataclass(frozen=True)
 class Robot:
-    """What a robot has that its model does not say."""
+    """A robot's properties that its model lacks."""
 
     name: str  # of the robot and of its MJCF in envs/assets/exam
     rate: float  # control steps a second
@@ -100,7 +100,7 @@ def plan(robot: Robot, seconds: float, rng: np.random.Generator) -> np.ndarray:
 
 
 def joint_of(model: mujoco.MjModel, name: str) -> Joint:
-    """Return what a model says of a joint and of the actuator of its name."""
+    """Return a model's values of a joint and of the actuator of its name."""
     dof, actuator = int(model.joint(name).dofadr[0]), model.actuator(name).id
     gain, bias = model.actuator_gainprm[actuator], model.actuator_biasprm[actuator]
     servo = Servo(

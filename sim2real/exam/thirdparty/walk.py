@@ -33,11 +33,11 @@ WXYZ, AXES = "wxyz", "xyz"
 
 @dataclass(frozen=True)
 class Imu:
-    """What an IMU gets wrong."""
+    """The errors of an IMU."""
 
     # how it is turned in its site's axes, a rotation vector [rad], (3,)
     mounting: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    delay: float = 0.0  # age of its readings beside the usual one [s]
+    delay: float = 0.0  # age of its readings beyond the usual one [s]
     bias: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of its gyro [rad/s], (3,)
 
 
@@ -145,10 +145,10 @@ def hide(walk: Walk, entry: Mapping[str, Any]) -> Walk:
     if name == "ground_friction":
         return replace(walk, friction=float(value))
     if name in own:
-        told = tuple(value) if name != "imu_delay" else float(value)
-        return replace(walk, imu=replace(walk.imu, **{own[name]: told}))
+        one = tuple(value) if name != "imu_delay" else float(value)
+        return replace(walk, imu=replace(walk.imu, **{own[name]: one}))
     if name not in LAWS:
-        raise Sim2RealError(f"{name!r} is no effect of a robot that walks in another engine")
+        raise Sim2RealError(f"{name!r} is not an effect of a robot that walks in another engine")
     if name == "payload":
         return replace(walk, rig=_loaded(walk.rig, entry["where"], value))
     truth = {**entry, "joint": entry["where"], "side": None, "extra": {}}

@@ -1,4 +1,4 @@
-"""What every method is, and what it hands to whoever watches or stops it.
+"""The interface of every method, and what it reports to a caller that watches or stops it.
 
 found = method.fit(provider, prior, data)
 """
@@ -23,11 +23,11 @@ Watch = Callable[[int, int, float | None], None]  # turns done, turns in all, be
 
 @dataclass(frozen=True)
 class FitContext:
-    """Where a fit keeps its journal, whom it tells, and where its randomness comes from."""
+    """The context of a fit: its journal's folder, its observer and its seed."""
 
     seed: int = 0  # all randomness follows from it
     folder: Path | None = None  # gets `journal.npz`; None keeps nothing
-    resume: Path | None = None  # the folder of a run to go on from; None starts anew
+    resume: Path | None = None  # the folder of a run to go on from; None starts a new one
     watch: Watch = field(default=lambda done, total, best: None)  # called after each turn
 
     def journal(self, score: Score | None = None) -> Journal:
@@ -37,20 +37,20 @@ class FitContext:
         return Journal(path, score, start)
 
     def made_by(self, method: str, **parts: object) -> dict[str, str | int]:
-        """Return what a distribution says of how it was made: the method, its parts' classes."""
+        """Return the provenance that a distribution records: the method and its parts' classes."""
         classes = {name: type(part).__name__ for name, part in parts.items()}
         return {"method": method, **classes, "seed": self.seed}
 
 
 class Method(Protocol):
-    """See the module's text."""
+    """Base class of identification methods."""
 
     name: str  # what `made_by` calls it
     provider: MakeProvider  # what a verb gives `fit`
 
     @property
     def rows(self) -> int | None:
-        """What its score compares, see `Score`."""
+        """The horizon of its score, see `Score`."""
         ...
 
     def fit(

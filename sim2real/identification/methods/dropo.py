@@ -39,7 +39,7 @@ class Dropo:
         samples: of the Gaussian, for each transition.
         noise: standard deviation added to every reading, in its change in a row (the paper's
             epsilon).
-        transitions: at most so many are compared, drawn at random.
+        transitions: maximum number that is compared, drawn at random.
         narrowest: least standard deviation that is looked for, in widths of the prior.
         widest: largest.
         settings: see `Settings`.
@@ -112,17 +112,17 @@ class Dropo:
         def evaluate(points: np.ndarray, turn: int) -> np.ndarray:
             return np.array([self._surprise(provider, prior, point, normal) for point in points])
 
-        def told(points: np.ndarray, turn: int) -> np.ndarray:
+        def recorded(points: np.ndarray, turn: int) -> np.ndarray:
             return journal.evaluate(points, turn, evaluate)
 
-        best = self.search.minimize(told, box, run.seed, run.watch).best
+        best = self.search.minimize(recorded, box, run.seed, run.watch).best
         mean, std = best[:count], np.exp(best[count:])
         noise = self.noise * provider.scale
         found = gaussian(prior, mean, np.diag(std**2), std)
         return replace(found, noise=dict(zip(provider.names, map(float, noise), strict=True)))
 
     def _few(self, provider: AlignedProvider, seed: int) -> AlignedProvider:
-        """Return the provider with at most so many transitions."""
+        """Return the provider with at most `transitions` transitions."""
         count = len(provider.chosen)
         if count <= self.transitions:
             return provider

@@ -66,8 +66,8 @@ class Easi:
         def evaluate(points: np.ndarray, turn: int) -> np.ndarray:
             return self.score(provider.real, provider.simulate(points, turn), turn)
 
-        def told(points: np.ndarray, turn: int) -> np.ndarray:
+        def recorded(points: np.ndarray, turn: int) -> np.ndarray:
             return journal.evaluate(points, turn, evaluate)
 
-        last = self.search.minimize(told, prior, run.seed, run.watch)
+        last = self.search.minimize(recorded, prior, run.seed, run.watch)
         return gaussian(prior, last.mean, np.diag(last.std**2))

@@ -43,7 +43,7 @@ UPPER = 0.95  # the quantile at the upper end of a 90 % interval
 
 
 class Estimates(NamedTuple):
-    """What episodes say along K directions."""
+    """Episodes' estimates along K directions."""
 
     shifts: np.ndarray  # (E, K)
     covariances: np.ndarray  # (E, K, K) how well each is known
@@ -102,10 +102,10 @@ class Matching:
         def evaluate(points: np.ndarray, turn: int) -> np.ndarray:
             return self.score(provider.real, provider.simulate(points, turn), turn)
 
-        def told(points: np.ndarray, turn: int) -> np.ndarray:
+        def recorded(points: np.ndarray, turn: int) -> np.ndarray:
             return journal.evaluate(points, turn, evaluate)
 
-        best = self.search.minimize(told, prior, run.seed, run.watch).best
+        best = self.search.minimize(recorded, prior, run.seed, run.watch).best
         local = analyze_sensitivity(provider, prior, best, self.settings)
         shifts, covariances, left = fit_per_episode(provider, prior, local, self.settings)
         split = random_effects(shifts, covariances, self.settings)

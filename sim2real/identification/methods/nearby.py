@@ -36,7 +36,7 @@ class Nearby:
         rows: how many rows on from each measured state; None for whole windows, which need no
             velocities; "auto" for one row on where the logs hold the whole state in even rows, and
             else for whole windows.
-        transitions: at most so many states (or windows) are compared, spread evenly.
+        transitions: maximum number of states (or windows) that is compared, spread evenly.
         steps: Gauss-Newton steps at most; it ends where no step helps.
         difference: step of central differences, in widths of the prior. Where feet hit the ground,
             errors bend at every contact, and a small step tells the slope of one moment alone.
@@ -120,5 +120,5 @@ class Nearby:
 
 
 def _spread(count: int, most: int) -> np.ndarray:
-    """Return at most so many of `count` numbers, evenly spread."""
+    """Return at most `most` of `count` numbers, evenly spread."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))

@@ -155,7 +155,7 @@ class Npe:
 
 
 class NullTracker:
-    """What sbi reports its training to; its own choice is a folder below the current one."""
+    """A logger for sbi's training; its default writes a folder below the current one."""
 
     log_dir = None
 

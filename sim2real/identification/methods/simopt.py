@@ -38,11 +38,11 @@ class SimOpt:
     Args:
         method: what fits in each round; its provider, score and search are its own.
         rounds: at most.
-        widen: a round's prior is so many times as wide as what the round before found, compared by
+        widen: width of a round's prior, in widths of the previous round's result, compared by
             their standard deviations. The logs are counted again in each round: with 2.5 the
             uncertainty comes out too small by 8 % at most, sqrt(1 - 1 / widen^2).
         narrowest: least width of a round's prior, in widths of the first one: a population that
-            collapsed is no certainty.
+            collapsed is not certain.
         still: the rounds end when no mean moves by more than this, in uncertainties of the estimate
             (in standard deviations of the distribution where the method knows no uncertainty).
 
@@ -91,7 +91,7 @@ class SimOpt:
         return replace(_up_to(prior, found[-1]), made_by={**found[-1].made_by, **made_by})
 
     def _of_round(self, run: FitContext, number: int) -> FitContext:
-        """Return what a round is given: its own randomness, and its own folder below the run's."""
+        """Return a round's context: its own seed, and its own folder below the run's."""
         folder = f"round_{number + 1}"
         seed = run.seed if number == 0 else _mixed(run.seed, number)
         resume = None if run.resume is None else Path(run.resume) / folder
@@ -157,7 +157,7 @@ def narrow_prior(
 
 
 def _up_to(prior: Distribution, found: Distribution) -> Distribution:
-    """Return what was found with the prior's ends in the place of the last round's."""
+    """Return the estimate with the prior's limits instead of the last round's."""
     if found.particles is not None:
         return found
     entries = tuple(

@@ -1,1 +1,1 @@
-"""What simulates: aligned with a log's commands (`Replay`), or with a policy that acts."""
+"""Providers of simulated data: aligned with a log's commands (`Replay`), or with a policy."""

@@ -1,6 +1,6 @@
-"""What every provider offers: what was measured, and what simulations make of it.
+"""The interface of providers: measured data, and the same data as simulated.
 
-    sample = provider.simulate(values, turn=0)      # (n, ...) beside provider.real (...)
+    sample = provider.simulate(values, turn=0)      # (n, ...), to compare with provider.real (...)
 
 An aligned provider compares row by row: real (W, T, M) is W pieces of T rows and M readings, NaN
 where nothing is compared, and each piece belongs to an episode. Any other compares transitions:
@@ -24,14 +24,14 @@ HELD = 0  # the stream of randomness of what is held out
 
 
 class Provider(Protocol):
-    """See the module's text."""
+    """Base class of providers of simulated data."""
 
     aligned: bool
     real: np.ndarray
     neutral: np.ndarray  # (P,) values at which the effects are absent
 
     def simulate(self, values: np.ndarray, turn: int = 0) -> np.ndarray:
-        """Return what simulations under values (n, P) make of the data, (n, ...).
+        """Return the data as simulated under values (n, P), (n, ...).
 
         Args:
             values: of the effects' parameters.
@@ -103,7 +103,7 @@ class AlignedProvider(ABC):
         return np.where(np.isnan(self.real), np.nan, found)
 
     def simulate(self, values: np.ndarray, turn: int = 0) -> np.ndarray:
-        """Return what simulations under values make of the data, (n, W, T, M)."""
+        """Return the data as simulated under values, (n, W, T, M)."""
         return self.real + self.errors(values)
 
     def subset(self, pieces: np.ndarray) -> AlignedProvider:
@@ -115,7 +115,7 @@ class AlignedProvider(ABC):
         return other
 
     def split(self, settings: Settings = DEFAULT) -> tuple[AlignedProvider, AlignedProvider]:
-        """Return what is fitted to and what is held out.
+        """Return the data that are fitted to and those that are held out.
 
         Whole episodes are held out where there are enough of them, else stretches of all; of a
         single piece nothing can be spared, and both are the same.

@@ -1,9 +1,9 @@
-"""What every score is.
+"""The interface of scores.
 
     numbers = score(real, simulated, turn)      # (...), (n, ...) -> (n,)
 
 `aligned` says whether it compares row by row, or samples of transitions; see the providers. `rows`
-is what an aligned score compares: so many rows on from each measured state, None for whole windows.
+is the horizon of an aligned score: rows after each measured state, or None for whole windows.
 """
 
 from typing import Any, Protocol
@@ -12,13 +12,13 @@ import numpy as np
 
 
 class Score(Protocol):
-    """See the module's text."""
+    """Base class of scores."""
 
     aligned: bool
 
     @property
     def rows(self) -> int | None:
-        """How many rows on it compares; see the module's text."""
+        """Its horizon in rows; see the module's docstring."""
         ...
 
     def __call__(self, real: np.ndarray, simulated: np.ndarray, turn: int = 0) -> np.ndarray:
@@ -32,7 +32,7 @@ class Score(Protocol):
         ...
 
     def state(self) -> dict[str, Any]:
-        """Return what later calls depend on, as arrays by name; {} for a score without memory."""
+        """Return the state of the score, as arrays by name; {} for a stateless score."""
         ...
 
     def load(self, state: dict[str, Any]) -> None:

@@ -5,7 +5,7 @@
 
 The critic is that of a Wasserstein GAN on transitions. `paper` is EASI's (Dong et al. 2024, and its
 code): inputs as they are, weights clipped to 0.01. `gp` standardizes observation, action and change
-and takes a gradient penalty (Gulrajani et al. 2017) in the place of clipping.
+and takes a gradient penalty (Gulrajani et al. 2017) instead of clipping.
 """
 
 from itertools import pairwise
@@ -88,7 +88,7 @@ class Critic:
             return net(seen)[..., 0].double().numpy()
 
     def _inputs(self, real: np.ndarray, values: np.ndarray) -> torch.Tensor:
-        """Return what the network sees of transitions (..., 2 O + A)."""
+        """Return the network's inputs for transitions (..., 2 O + A)."""
         if self.variant == "gp":
             return torch.as_tensor(standardize(real, values), dtype=torch.float32)
         size = self._observation

@@ -13,7 +13,7 @@ from sim2real.runs.errors import Sim2RealError
 
 
 def subsample(values: np.ndarray, most: int, rng: np.random.Generator) -> np.ndarray:
-    """Return at most so many rows of values (N, F), drawn at random."""
+    """Return at most `most` rows of values (N, F), drawn at random."""
     if len(values) <= most:
         return values
     return values[rng.choice(len(values), most, replace=False)]
@@ -23,7 +23,7 @@ class Mmd(StatelessScore):
     """Maximum mean discrepancy with Gaussian kernels (Gretton et al., JMLR 13, 2012), squared.
 
     Args:
-        rows: transitions of each world that are compared, drawn anew each turn.
+        rows: transitions of each world that are compared, drawn again each turn.
         widths: of the kernels, in the median distance between real transitions.
 
     Raises:
@@ -60,7 +60,7 @@ class SlicedWasserstein(StatelessScore):
     """Wasserstein distance along random directions (Bonneel et al. 2015), by the library POT.
 
     Args:
-        projections: directions, drawn anew each turn.
+        projections: directions, drawn again each turn.
         compared: transitions of each world that are compared.
 
     Raises:
@@ -97,7 +97,7 @@ class SlicedWasserstein(StatelessScore):
 
 
 class Embedding(StatelessScore):
-    """Conditional mean embedding: simulated changes beside those that real ones lead to expect.
+    """Conditional mean embedding: simulated changes against those predicted from real ones.
 
     Kernel ridge regression, by random Fourier features (Rahimi and Recht, NeurIPS 2007), learns
     from the real transitions which change follows an observation and an action (Song, Fukumizu and

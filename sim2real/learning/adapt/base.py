@@ -1,4 +1,4 @@
-"""What all adaptation operators share: stages of episodes, cohorts of members, sessions of one.
+"""The interface of adaptation operators: stages of episodes, batched and single sessions.
 
 The episodes of an operator are numbered 0 … E - 1 and fall into **stages**: the candidates of a
 stage depend only on the values of earlier stages. So the episodes of one stage may run at the same
@@ -32,8 +32,8 @@ class Adaptation(ABC):
     """A recipe that changes a parameter vector by a fixed number of episodes.
 
     Attributes:
-        explores: whether it needs episodes whose actions are drawn, and their steps beside their
-            returns.
+        explores: whether it needs episodes whose actions are drawn, and their steps as well as
+            their returns.
         needs_log: whether it needs the logs of its episodes, and their returns decide nothing.
         needs_critic: whether it needs the policy's critic and changes that, too.
     """
@@ -137,10 +137,10 @@ class BatchedSession(ABC):
         self.stages = stages
         self.results = np.array(thetas, np.float32)  # (n, P): the incumbent, at the end the result
         self.noise = noise
-        self.values = np.full((len(thetas), sum(stages)), np.nan)  # (n, E) returns told so far
+        self.values = np.full((len(thetas), sum(stages)), np.nan)  # (n, E) returns reported so far
         self._ends = np.cumsum((0, *stages))  # first episode of each stage, then E
         self._stage = np.zeros(len(thetas), np.int64)
-        self._told = np.zeros(len(thetas), np.int64)
+        self._reported = np.zeros(len(thetas), np.int64)
 
     def available(self, member: int) -> range:
         """Return the episodes of the member's present stage; empty when it is done."""
@@ -176,9 +176,9 @@ class BatchedSession(ABC):
         if not np.isfinite(values).all():
             raise Sim2RealError(f"adaptation: returns must be finite numbers, got {values}")
         self.values[members, episodes] = values
-        np.add.at(self._told, members, 1)
+        np.add.at(self._reported, members, 1)
         touched = np.unique(members)
-        complete = touched[self._told[touched] == self._ends[self._stage[touched] + 1]]
+        complete = touched[self._reported[touched] == self._ends[self._stage[touched] + 1]]
         stages = self._stage[complete]
         for stage in np.unique(stages):
             self._advance(complete[stages == stage], int(stage))
@@ -253,7 +253,7 @@ class Session:
         """Raise Sim2RealError where no more is asked, or for numbers that are not finite."""
         if self.episodes_left == 0:
             raise Sim2RealError(
-                f"adaptation: all {self._operator.episodes} episodes have been told"
+                f"adaptation: all {self._operator.episodes} episodes have been reported"
             )
         if not all(np.isfinite(numbers).all() for numbers in told):
             raise Sim2RealError("adaptation: returns and steps must be finite numbers")

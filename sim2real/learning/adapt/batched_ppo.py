@@ -1,4 +1,4 @@
-"""PPO's updates of many members at once, each with parameters, steps and an Adam of its own.
+"""PPO's updates of many members at once, each with its own parameters, steps and Adam.
 
     learners = BlockedPPO(ClippedSettings(epochs=4, ...), law, value, thetas)     # (n, P)
     action = learners.act(observation, noise)           # (n, A), drawn
@@ -52,7 +52,7 @@ class Samples(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ClippedSettings:
-    """How a member learns from a round.
+    """The settings of a member's update in a round.
 
     Raises:
         Sim2RealError: for values out of range.

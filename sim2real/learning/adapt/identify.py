@@ -1,15 +1,15 @@
-"""Identification: find out which robot it is, and tell the policy.
+"""Identification: estimate the robot's parameters and condition the policy on them.
 
     operator = Identify(episodes=3, last=3, find=find).bind_environment(trained.environment)
     session = operator.start(theta, rng)
-    while (candidate := session.ask()) is not None:  # theta, and behind it what it is to believe
+    while (candidate := session.ask()) is not None:  # theta, then the assumed context
         value, log = run_one_episode(candidate)
         session.tell(value, log=log)
     session.found                                   # (P,): the robot's parameters, in their units
 
-The policy is one that is told its robot's parameters (`sim2real.learning.context`). It begins with
-the middle of their ranges; after each episode they are identified from the logs of the last ones,
-and the next episode runs with what was found. The returns decide nothing.
+The policy is conditioned on its robot's parameters (`sim2real.learning.context`). It begins with
+the centre of their ranges. After each episode they are identified from the logs of the last
+episodes, and the next episode runs with the estimate. Returns have no influence.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class ParameterEstimator(Protocol):
 
 
 class Identify(Adaptation):
-    """Tells the policy what the logs of its last episodes say of the robot.
+    """Conditions the policy on the parameters identified from its last episodes' logs.
 
     Args:
         episodes: how many the adaptation spends.
@@ -73,7 +73,7 @@ class Identify(Adaptation):
             raise Sim2RealError(f"adapt: episodes={episodes} and last={last} must be at least 1")
         self._count, self.last, self._find = episodes, last, find
         self._environment: Any = None
-        self.told: ContextSpec | None = None
+        self.context_spec: ContextSpec | None = None
         check_budget(self, budget, f"give adapt.episodes={budget}")
 
     def __str__(self) -> str:
@@ -94,24 +94,24 @@ class Identify(Adaptation):
         """Return this for a policy of an environment.
 
         Raises:
-            Sim2RealError: one whose policies are not told their robot's parameters.
+            Sim2RealError: an environment whose policies do not receive their robot's parameters.
         """
-        told = environment.context_spec
-        if told is None:
+        spec = environment.context_spec
+        if spec is None:
             raise Sim2RealError(
-                "adapt=identify tells a policy its robot's parameters, and this one was trained "
-                "without them; train one with transforms=with_params (PPO: "
+                "adapt=identify needs a policy that receives its robot's parameters, and this one "
+                "was trained without them. Train one with transforms=with_params (PPO: "
                 "transforms=normalized_with_params), or choose another adapt"
             )
         other = copy(self)
-        other.told, other._environment = told, environment
+        other.context_spec, other._environment = spec, environment
         return other
 
     def find(self, logs: Sequence[Log], seed: int) -> np.ndarray:
         """Return the robot's parameters, (P,), each in its unit."""
         found = self._find(self._environment, logs, seed)
         if not np.isfinite(found).all():
-            raise Sim2RealError(f"adaptation: {self} found {found}, which are no parameters")
+            raise Sim2RealError(f"adaptation: {self} found {found}, which are not finite numbers")
         return found
 
     def start(self, theta: np.ndarray, rng: np.random.Generator) -> IdentifySession:
@@ -126,7 +126,7 @@ class Identify(Adaptation):
         """
         raise Sim2RealError(
             "adapt=identify needs the logs of its episodes and trains nothing: train with "
-            "transforms=with_params adapt=none, which tells the policy the truth, then evaluate or "
+            "transforms=with_params adapt=none (the policy receives the truth), then evaluate or "
             "deploy it with adapt=identify"
         )
 
@@ -144,10 +144,10 @@ class IdentifySession(Session):
     """
 
     def __init__(self, operator: Identify, theta: np.ndarray, seed: int) -> None:
-        if operator.told is None:
+        if operator.context_spec is None:
             raise Sim2RealError("adapt=identify: call bind_environment(environment) before start")
         self._operator = self._recipe = operator
-        self._told = operator.told
+        self._spec = operator.context_spec
         self._theta, self._seed = np.array(theta, np.float32), seed
         self._values: list[float] = []
         self._logs: list[Log] = []
@@ -156,22 +156,22 @@ class IdentifySession(Session):
     @property
     def names(self) -> tuple[str, ...]:
         """The parameters' names, P of them."""
-        return self._told.names
+        return self._spec.names
 
     @property
     def history(self) -> np.ndarray:
-        """What was found after each episode so far, (n, P), each in its unit."""
-        return np.array(self._found).reshape(-1, self._told.size)
+        """The estimate after each episode so far, (n, P), each in its unit."""
+        return np.array(self._found).reshape(-1, self._spec.size)
 
     @property
     def found(self) -> np.ndarray:
         """The robot's parameters as they are known now, (P,), each in its unit."""
-        return self._found[-1].copy() if self._found else self._told.center
+        return self._found[-1].copy() if self._found else self._spec.center
 
     @property
     def result(self) -> np.ndarray:
-        """The policy's parameters, and behind them what it is to believe, float32."""
-        said = (self.found - self._told.center) / self._told.half_range
+        """The policy's parameters, followed by the assumed context, float32."""
+        said = (self.found - self._spec.center) / self._spec.half_range
         return np.concatenate([self._theta, said]).astype(np.float32)
 
     def ask(self) -> np.ndarray | None:

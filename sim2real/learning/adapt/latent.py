@@ -1,4 +1,4 @@
-"""Latent search: hill climbing over the few latent numbers that a policy is told.
+"""Latent search: hill climbing over the few latent numbers that a policy is conditioned on.
 
     LatentSearch(dims=2, mode="sequential", queries=9, parallel=1, sigma=1.0).start(theta, rng)
 

@@ -3,7 +3,7 @@
     operator = NoisyReturns(HillClimb(mode="batch", queries=7, parallel=7), law="one_sided",
                             scale=0.5)
 
-The operator is told each return with an error; what scores the adapted policy is exact. The laws
+The operator receives each return with an error; what scores the adapted policy is exact. The laws
 are those of ES-MAML's noise study (Song et al., "Rapidly Adaptable Legged Robots via Evolutionary
 Meta-Learning", IROS 2020).
 """
@@ -108,7 +108,7 @@ class NoisyReturns(Adaptation):
 
 
 class NoisyCohort(BatchedSession):
-    """Members of another cohort, which are told wrong values; `values` are the true ones."""
+    """Members of another cohort, which receive wrong values; `values` are the true ones."""
 
     def __init__(self, operator: NoisyReturns, thetas: np.ndarray, noise: np.ndarray) -> None:
         super().__init__(operator.stages, thetas, noise)

@@ -107,7 +107,7 @@ class PolicyGradient(Adaptation):
         return PolicyGradientSession(self, self.law, theta)
 
     def loss(self, law: FunctionalActor, theta: Tensor, one: TransitionBatch) -> Tensor:
-        """Return what a step lowers, for parameters (P,) and the experience of a task."""
+        """Return the loss of parameters (P,) on a task's experience, which a step lowers."""
         score = log_prob(law(theta, *one.seen), one.action)
         if self.surrogate == "ratio":
             score = (score - one.log_prob).exp()

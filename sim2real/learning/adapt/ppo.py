@@ -35,7 +35,7 @@ from sim2real.runs.errors import Sim2RealError
 
 @dataclass(frozen=True, kw_only=True)
 class PPOAdaptation(ClippedSettings, Adaptation):
-    """R rounds of PPO with an Adam of its own, which starts anew in each adaptation.
+    """R rounds of PPO with a separate Adam, which restarts in each adaptation.
 
     Raises:
         Sim2RealError: for values out of range.
@@ -71,7 +71,7 @@ class PPOAdaptation(ClippedSettings, Adaptation):
         return 0
 
     def check(self, policy: Any) -> None:
-        """Raise Sim2RealError for a policy without a critic of its own."""
+        """Raise Sim2RealError for a policy without a separate critic."""
         if policy is not None:
             FunctionalCritic(getattr(policy, "critic", None))
 
@@ -79,7 +79,8 @@ class PPOAdaptation(ClippedSettings, Adaptation):
         """Return this operator for a policy.
 
         Raises:
-            Sim2RealError: an actor without a normal law, or no critic with networks of its own.
+            Sim2RealError: an actor without a normal distribution, or no critic with separate
+            networks.
         """
         value = FunctionalCritic(None if critic is None else critic.module)
         unit = 1.0 if critic is None else critic.unit
@@ -178,7 +179,7 @@ class LearnerCohort(BatchedSession):
             )
 
     def learners(self, members: np.ndarray) -> BlockedPPO:
-        """Return what acts and learns for some members, (k,)."""
+        """Return the blocked PPO of some members, (k,)."""
         return BlockedPPO(self.operator, *self._networks, self.results[members])
 
     def candidates(self, members: np.ndarray, episodes: np.ndarray) -> np.ndarray:
@@ -186,4 +187,4 @@ class LearnerCohort(BatchedSession):
         return self.results[members]
 
     def _advance(self, members: np.ndarray, stage: int) -> None:
-        raise Sim2RealError("adapt=ppo: members learn from steps, and were told returns alone")
+        raise Sim2RealError("adapt=ppo: members learn from steps, and received returns alone")

@@ -1,8 +1,8 @@
-"""Sessions that are told every step of their episodes, for operators that `explores`.
+"""Sessions that receive every step of their episodes, for operators that `explores`.
 
     session.tell(value, EpisodeTrajectory(observation, action, reward, end))
 
-What was told is kept, and a session that is loaded is told the same again.
+Reported episodes are kept, and a session that is loaded receives the same ones again.
 """
 
 from abc import abstractmethod
@@ -38,7 +38,7 @@ class StepsSession(Session):
 
     @abstractmethod
     def _digest(self) -> None:
-        """Change `_result` by what was told, after each episode."""
+        """Update `_result` after each reported episode."""
 
     @property
     def result(self) -> np.ndarray:
@@ -61,8 +61,8 @@ class StepsSession(Session):
         self._check(value, *(x for x in steps or () if x is not None))
         if steps is None:
             raise Sim2RealError(
-                f"adaptation: {self._operator} needs each episode's steps beside its return; give "
-                "tell(value, steps)"
+                f"adaptation: {self._operator} needs each episode's steps as well as its return; "
+                "give tell(value, steps)"
             )
         self._values.append(float(value))
         self._steps.append(steps)

@@ -1,4 +1,4 @@
-"""What a training algorithm is given, and what a verb may ask of it.
+"""The components and the interface of training algorithms.
 
 class Mine(Algorithm):
     uses = frozenset({"optimizer"})             # the optional parts that it takes
@@ -30,7 +30,7 @@ from sim2real.runs.errors import Sim2RealError
 
 @dataclass(frozen=True)
 class Components:
-    """What an algorithm is made of."""
+    """The components of an algorithm."""
 
     environment: EnvironmentFactory  # makes the worlds of training and evaluation
     policy: Callable[..., Any]  # makes the policy; of what, the algorithm says
@@ -47,7 +47,7 @@ class Components:
 
     @property
     def tasks(self) -> Tasks:
-        """Which robots episodes meet."""
+        """The distribution of robots in episodes."""
         return self.environment.tasks
 
     @property
@@ -97,7 +97,7 @@ class Algorithm(ABC):
     collecting: Any = None
 
     def close(self) -> None:
-        """End what works beside the algorithm: the processes of a collector."""
+        """End the processes that the algorithm started, such as those of a collector."""
         if self.collecting is not None:
             self.collecting.close()
 
@@ -112,7 +112,7 @@ class Algorithm(ABC):
     @property
     @abstractmethod
     def shape(self) -> dict[str, Any]:
-        """What the parameters of a checkpoint must fit, as JSON holds it."""
+        """The shape that a checkpoint's parameters must have, as JSON holds it."""
 
     @abstractmethod
     def state_dict(self) -> dict[str, Any]:
@@ -138,7 +138,7 @@ class Algorithm(ABC):
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What a checkpoint must share with a run that continues it."""
+        """The settings that a checkpoint must share with a run that continues it."""
         name = self.parts.environment.name
         return {"task": name, "algorithm": type(self).__name__, "policy": self.shape}
 

@@ -1,4 +1,4 @@
-"""What settings of algorithms must be, a sentence for each that is not."""
+"""Checks of algorithms' settings, with a sentence for each violation."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any

@@ -49,7 +49,7 @@ class ResumableCollector:
         self._rows = env.base_env if here and isinstance(env.base_env, RowsEnv) else None
         self._batches = iter(self._collector)
         self._end = weakref.finalize(self, _shut_down, self._collector)
-        atexit.register(self._end)  # before Python waits for the processes of whoever forgot
+        atexit.register(self._end)  # before Python waits for processes that were not ended
         self.returns = EpisodeReturnTracker(env.batch_size[0])
 
     @property
@@ -86,7 +86,7 @@ class ResumableCollector:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take over a state; episodes that cannot be played again start anew.
+        """Take over a state; episodes that cannot be replayed restart.
 
         Raises:
             CheckpointError: for a state of other transforms or another number of rows.

@@ -1,12 +1,12 @@
-"""A student learns from a teacher that is told the truth what the robot's parameters are.
+"""A student learns to estimate the robot's parameters for a teacher that knows them.
 
     algorithm = Distill(parts, teacher=partial(load_policy, RUN), num_rows=32, ...)
     algorithm.iterate()         # episodes with the student's guesses, then regression
-    algorithm.trained()         # the teacher's policy, told what the student guesses
+    algorithm.trained()         # the teacher's policy, given the student's estimates
 
-The second phase of RMA (Kumar et al. 2021): the teacher's policy acts on what the student guesses,
-so that the student learns from the states that its own guesses lead to. Its targets are the true
-parameters, as the teacher was told them.
+The second phase of RMA (Kumar et al. 2021): the teacher's policy acts on the student's estimates,
+so that the student learns from the states that its own estimates lead to. Its targets are the true
+parameters, normalized as the teacher receives them.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,7 +34,7 @@ class Distill(Algorithm):
 
     Args:
         parts: the teacher's environment takes the place of theirs.
-        teacher: makes the policy that is told its robot's parameters.
+        teacher: makes the policy that receives its robot's parameters.
         num_rows: episodes of an iteration.
         history: steps that the student sees.
         hidden: widths of its hidden layers.
@@ -43,7 +43,7 @@ class Distill(Algorithm):
         batch_size: steps of a gradient step.
 
     Raises:
-        Sim2RealError: numbers out of range, or a teacher that is told nothing.
+        Sim2RealError: numbers out of range, or a teacher that receives no parameters.
     """
 
     def __init__(
@@ -62,20 +62,20 @@ class Distill(Algorithm):
         if not learning_rate > 0:
             raise Sim2RealError(f"algorithm.learning_rate={learning_rate} must be above 0")
         self._teacher = teacher()
-        told, own = self._teacher.told, self._teacher.environment
+        context, own = self._teacher.context, self._teacher.environment
         if own.name != parts.environment.name:
             raise Sim2RealError(
                 f"algorithm.teacher is a policy of {own.name}, and env is "
                 f"{parts.environment.name}; give the teacher's env"
             )
-        if told is None:
+        if context is None:
             raise Sim2RealError(
-                "algorithm.teacher: this policy is told no parameters, so a student has nothing to "
-                "guess; give the run of one with transforms=with_params"
+                "algorithm.teacher: this policy receives no parameters, so a student has nothing "
+                "to estimate; give the run of one with transforms=with_params"
             )
         size, low, _ = self._teacher.environment.observation_and_action_spec()
         with TorchRandomStream(parts.seed, "cpu"):
-            self.student = Student(size, len(low), told.size, history, tuple(hidden))
+            self.student = Student(size, len(low), context.size, history, tuple(hidden))
         self.parts = replace(parts, environment=own.with_estimated_context(self.student))
         self._optimizer = torch.optim.Adam(self.student.parameters(), lr=learning_rate)
         self._num_rows, self._epochs, self._batch_size = num_rows, epochs, batch_size
@@ -88,7 +88,7 @@ class Distill(Algorithm):
         return {name: list(p.shape) for name, p in self.student.named_parameters()}
 
     def trained(self) -> TrainedPolicy:
-        """Return the teacher's policy, told what the student guesses."""
+        """Return the teacher's policy, given the student's estimates."""
         environment = self._teacher.environment.with_estimated_context(deepcopy(self.student))
         return replace(self._teacher, environment=environment, program=None, frames=self.frames)
 
@@ -116,9 +116,9 @@ class Distill(Algorithm):
 
     @torch.no_grad()
     def _episodes(self) -> tuple[Tensor, Tensor, np.ndarray]:
-        """Return what the student saw (B, H, W), the truth (B, P) and the returns (N,)."""
-        teacher, count, told = self._teacher, self._num_rows, self._teacher.told
-        assert told is not None
+        """Return the student's inputs (B, H, W), the targets (B, P) and the returns (N,)."""
+        teacher, count, context = self._teacher, self._num_rows, self._teacher.context
+        assert context is not None
         env = self.trained().make_env(count)
         chain: Any = env.transform
         (guess,) = [one for one in chain if isinstance(one, EstimateContext)]
@@ -126,7 +126,7 @@ class Distill(Algorithm):
         tasks, rows = teacher.environment.tasks, base.rows
         tasks.check(rows.space)
         values, seeds = tasks.sample(self._rng, count), draw_seeds(self._rng, count)
-        truth = torch.from_numpy(told.normalize(values, guess.limit)).float()
+        truth = torch.from_numpy(context.normalize(values, guess.limit)).float()
         actor, alive = teacher.actor(teacher.theta), torch.ones(count, dtype=torch.bool)
         seen, wanted, returns = [], [], np.zeros(count)
         try:

@@ -47,7 +47,7 @@ from sim2real.runs.errors import CheckpointError, Sim2RealError
 
 @dataclass(frozen=True, kw_only=True)
 class RowsSettings:
-    """Where episodes run; the numbers change the speed and no result."""
+    """The layout of parallel episodes; it changes the speed, not the results."""
 
     num_rows: int  # episodes that run side by side, in all shards
     shards: int | None  # environments that share the cores; None chooses, see `make_shards`
@@ -56,7 +56,7 @@ class RowsSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class FitnessSettings:
-    """What a candidate is worth.
+    """The fitness of a candidate.
 
     Args:
         paired_tasks: whether both members of a pair (forward_fd: all members) get the same tasks,
@@ -100,7 +100,7 @@ class ESMAMLSettings(StrategySettings, FitnessSettings, RowsSettings):
         warm_up: environment steps at the start during which candidates are scored as they are: an
             unadapted candidate costs one episode, and what adapts well later begins with what
             works at all.
-        critic: whether the policy's critic is searched beside its actor, for an adaptation that
+        critic: whether the policy's critic is searched as well as its actor, for an adaptation that
             learns by it.
 
     Raises:

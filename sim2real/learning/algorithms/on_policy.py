@@ -1,4 +1,4 @@
-"""What PPO and TRPO share: an actor and a critic that learn from their own steps.
+"""Base class of PPO and TRPO: an actor and a critic that learn from their own steps.
 
     class Mine(OnPolicy):
         def _learn(self, data): ...                 # from steps (N, T) with their advantages
@@ -109,14 +109,14 @@ class OnPolicy(CollectingAlgorithm):
         return (minibatch.to(self.parts.device) for minibatch in self._buffer)
 
     def _reads(self, data: TensorDictBase) -> list[Any]:
-        """Return what the loss reads, all of which must be there."""
+        """Return the entries that the loss reads, all of which must be there."""
         keys = [*self._loss.in_keys, *self._advantage.out_keys]
         check_loss(self._loss, data)
         return [*keys, *self.policy.actor.in_keys, *self._critic.in_keys]
 
     @property
     def name(self) -> str:
-        """What its configuration is called, such as "ppo"."""
+        """The name of its configuration, such as "ppo"."""
         return type(self).__name__.lower()
 
     def _made(self, policy: Any) -> Policy:
@@ -131,7 +131,7 @@ def _refused(why: str) -> Sim2RealError:
 
 
 def _assess(data: TensorDictBase) -> dict[str, float]:
-    """Return what the critic said before the iteration, and what share of the returns it got."""
+    """Return the critic's mean value and explained variance before the iteration."""
     left = torch.var(data["advantage"]) / torch.var(data["value_target"])
     return {
         "train/value": float(data["state_value"].mean()),

@@ -47,7 +47,7 @@ class EpisodeReturnTracker:
         }
 
     def state_dict(self) -> dict[str, Any]:
-        """Return what was seen."""
+        """Return the state: running and finished episodes."""
         return {
             "returns": self._returns.copy(),
             "lengths": self._lengths.copy(),

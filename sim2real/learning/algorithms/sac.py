@@ -116,7 +116,7 @@ class SAC(CollectingAlgorithm):
         }
 
     def _reads(self, data: TensorDictBase) -> list[Any]:
-        """Return what the loss reads, all of which must be there."""
+        """Return the entries that the loss reads, all of which must be there."""
         if not len(self._buffer):
             check_loss(self._loss, data)
         return list(self._loss.in_keys)

@@ -1,4 +1,4 @@
-"""How a population's rows are split over the cores of a machine, or put on a device.
+"""Split a population's rows over the cores of a machine, or put them on a device.
 
 rows = make_shards(environment, num_rows=256)       # as is fastest on as many cores
 population = Population(rows, policy)
@@ -18,7 +18,7 @@ WIDE = 512  # rows from which two shards are faster than one, on 4, 8 and 16 cor
 
 
 def layout(num_rows: int, cores: int) -> tuple[int, int]:
-    """Return how many shards, and threads of each, step that many rows fastest on so many cores.
+    """Return how many shards, and threads of each, step `num_rows` rows fastest on `cores`.
 
     The shards' Python threads share one interpreter, those of the physics do not. Measured on 4, 8
     and 16 cores (`benchmarks/results/shards.csv`), one or two shards with the cores' threads

@@ -52,7 +52,7 @@ class FastReplayBuffer(ReplayBuffer):
         assert size is not None
         sampler.ran_out = False
         if not sampler.can_sample(storage, size):
-            raise Sim2RealError(f"buffer: {count} samples are no minibatch of {size}")
+            raise Sim2RealError(f"buffer: {count} samples are fewer than a minibatch of {size}")
         if sampler.len_storage != count or sampler._sample_list is None:
             sampler._get_sample_list(storage, count, size)
             sampler.len_storage = count

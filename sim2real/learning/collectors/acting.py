@@ -26,7 +26,7 @@ HALF_LOG_2PI = math.log(math.sqrt(2 * math.pi))
 
 
 def acting(policy: Callable[[TensorDictBase], TensorDictBase]) -> Callable[[TensorDictBase], Any]:
-    """Return what lets a policy write its entries into a tensordict."""
+    """Return a function that writes a policy's entries into a tensordict."""
     if _is_gaussian(policy):
         return Gaussian(policy)  # type: ignore[arg-type]
 

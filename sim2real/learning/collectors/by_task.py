@@ -1,4 +1,4 @@
-"""Episodes of several tasks side by side, each task with parameters of its own.
+"""Episodes of several tasks side by side, each task with its own parameters.
 
     tasks = TaskBatch(parts.tasks, each=20)             # rows 0 ... 19 meet one task, and so on
     actor = TaskActor(law, count=40)                    # for 40 tasks
@@ -6,7 +6,7 @@
     actor(tensordict)                                   # (800,) rows
 
 `TaskBatch` is a distribution that `RandomizeParams` draws from; a row keeps its task until the
-environment is told to draw anew (`RowsEnv.randomize`).
+environment draws its robots again (`RowsEnv.randomize`).
 """
 
 from typing import Any, Literal

@@ -114,7 +114,7 @@ class FastCollector(Collector):
         return tensordict
 
     def _following(self, frame: TensorDictBase, after: TensorDictBase) -> TensorDictBase:
-        """Return what the next step starts from, in rows that ended a new episode's start."""
+        """Return the start of the next step: in rows that ended, that of a new episode."""
         rewards = self.env.reward_keys
         kept = {key: x for key, x in after.items() if key not in rewards}
         nested = {key: x.copy() for key, x in kept.items() if isinstance(x, TensorDictBase)}
@@ -148,7 +148,7 @@ class FastCollector(Collector):
         return self._new(out)
 
     def _number(self, start: TensorDictBase, done: Tensor) -> None:
-        """Give the episodes that begin a number of their own."""
+        """Number the episodes that begin."""
         collector, mask = start.get("collector"), done[:, 0]
         ids = collector.get("traj_ids")
         new = self._traj_pool.get_traj_and_increment(int(mask.sum()), device=ids.device)

@@ -5,7 +5,7 @@
 
 The networks of all processes run at the same time. That can only pay where acting takes as long as
 stepping, as with images; measure it before you choose it. The processes begin their episodes and
-draw their actions by seeds of their own, so that a seed gets the same batches again, but others
+draw their actions from separate seeds, so that a seed gets the same batches again, but others
 than in one process.
 """
 

@@ -44,7 +44,7 @@ class Samples(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """What weighs and limits the losses."""
+    """Weights and limits of the losses."""
 
     limits: tuple[float, float]  # least and largest ratio
     critic_coeff: float  # weight of the critic's loss
@@ -55,7 +55,7 @@ class Settings(NamedTuple):
 
 
 class Losses(NamedTuple):
-    """What samples cost, and which way is uphill."""
+    """The losses of samples, and their gradient."""
 
     values: tuple[Any, Any, Any]  # objective, critic, entropy: numbers
     logged: dict[str, Any]  # numbers, or one for each row of samples of several dimensions
@@ -80,7 +80,7 @@ class ClipGradient:
         self._bodies = ArrayMLP(actor.activation), ArrayMLP(critic.activation)
 
     def _renew(self) -> None:
-        """Follow parameters that somebody has moved."""
+        """Follow parameters that were changed outside."""
         if not self.flat.renew():
             return
         vector = self.flat.vector.numpy()
@@ -158,7 +158,7 @@ def _mean(x: Array) -> float:
 def _ratios(
     ratio: Array, inside: Array, log_ratio: Array, shape: tuple[int, ...]
 ) -> dict[str, Any]:
-    """Return what is logged of the ratios (B,) of samples of a shape."""
+    """Return the metrics of the ratios (B,) of samples of a shape."""
     mean, squared = _mean(ratio), ratio * ratio
     if len(shape) > 1:  # along the first dimension
         sums = ratio.reshape(shape).sum(0), squared.reshape(shape).sum(0)

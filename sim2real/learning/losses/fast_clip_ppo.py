@@ -88,7 +88,7 @@ class FastClipPPOLoss(ClipPPOLoss):
         super().__init__(*networks, **options)
         self._gradient, self._present = ClipGradient(actor, critic), []
         if {id(p) for p in self.parameters()} != {id(p) for p in self._gradient.flat.parameters}:
-            raise Sim2RealError("loss: a network has parameters beside those of its layers")
+            raise Sim2RealError("loss: a network has parameters other than those of its layers")
 
     @dispatch  # type: ignore[arg-type]
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -104,7 +104,7 @@ class FastClipPPOLoss(ClipPPOLoss):
         return TensorDict._new_unsafe(out, batch_size=torch.Size([]))  # type: ignore[arg-type]
 
     def _settings(self) -> Settings:
-        """Return the settings as numbers, read anew where a schedule has changed one."""
+        """Return the settings as numbers, read again where a schedule has changed one."""
         buffers = [self._buffers.get(name) for name in COEFFICIENTS]
         present = [(id(x), None if x is None else x._version) for x in buffers]
         if present != self._present:
@@ -166,7 +166,7 @@ def _refuse_options(options: dict[str, Any]) -> None:
 
 
 def _refuse_distribution(network: Any, actor: Dense) -> None:
-    """Raise Sim2RealError for an actor that is no Gaussian around an MLP."""
+    """Raise Sim2RealError for an actor that is not a Gaussian around an MLP."""
     last, scale = network[-1], actor.head
     if not isinstance(last, ProbabilisticTensorDictModule):
         raise Sim2RealError("loss: the actor ends in no distribution; use a ProbabilisticActor")
@@ -184,7 +184,7 @@ def _refuse_distribution(network: Any, actor: Dense) -> None:
 
 
 def _joined(tensordict: TensorDictBase, network: Dense) -> Array:
-    """Return what a network reads, (B, in)."""
+    """Return a network's input, (B, in)."""
     parts = [tensordict.get(key) for key in network.in_keys]
     whole = parts[0] if len(parts) == 1 else torch.cat(parts, dim=-1)
     return whole.flatten(0, -2).numpy()
@@ -196,7 +196,7 @@ def _numbers(tensordict: TensorDictBase, key: Any) -> Array:
 
 
 def _tensors(found: Losses) -> dict[str, Tensor]:
-    """Return what is logged as tensors; the numbers among it are made together."""
+    """Return the metrics as tensors; scalars are converted in one call."""
     logged, dtype = found.logged, found.gradient.dtype
     several = {name: x for name, x in logged.items() if isinstance(x, np.ndarray)}
     plain = [name for name in logged if name not in several]

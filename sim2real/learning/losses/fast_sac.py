@@ -157,7 +157,7 @@ def _names(critic: TensorDictModuleBase, network: Dense) -> list[tuple[str, ...]
 
 
 def _refuse_networks(actor_network: Any, actor: Dense, critics: list[Dense]) -> None:
-    """Raise Sim2RealError for an actor that is no squashed Gaussian, or other critics."""
+    """Raise Sim2RealError for an actor that is not a squashed Gaussian, or other critics."""
     last = actor_network[-1]
     known = {"low": -1.0, "high": 1.0, "tanh_loc": False}
     if not isinstance(last, ProbabilisticTensorDictModule):

@@ -1,4 +1,4 @@
-"""What MAML climbs: the return after adaptation, as a function of the parameters before it.
+"""MAML's objective: the return after adaptation, as a function of the parameters before it.
 
     objective = MetaObjective(law, operator, before, after, start, first_order=False)
     objective.gradient()                            # (P,), through the step of adaptation
@@ -63,7 +63,7 @@ class MetaObjective:
             self._began = vmap(law, (None, 0))(start, *before.seen)
 
     def adapted(self, theta: Tensor, before: TransitionBatch | None = None) -> Tensor:
-        """Return what each task adapts to from parameters (P,), (B, P)."""
+        """Return each task's adapted parameters, (B, P), from (P,)."""
         experience = self.before if before is None else before
         return vmap(lambda one: self._operator.step(self._law, theta, one))(experience)
 
@@ -113,7 +113,7 @@ class MetaObjective:
         return ObjectiveAndKL(float(self.value(thetas)), float(self._mean(apart)))
 
     def fisher(self, pick: Callable[[TransitionBatch], TransitionBatch]) -> Product:
-        """Return what multiplies vectors (P,) by the divergence's Hessian at the start.
+        """Return a function that multiplies vectors (P,) by the divergence's Hessian at the start.
 
         Args:
             pick: takes some steps of each task, the same number n of all, each of weight 1 / n: the

@@ -35,7 +35,7 @@ class Transitions(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """What the losses need beside transitions."""
+    """Numbers of the losses."""
 
     gamma: float  # discount of a step
     alpha: float  # temperature: how much entropy counts
@@ -43,7 +43,7 @@ class Settings(NamedTuple):
 
 
 class Losses(NamedTuple):
-    """What transitions cost, and which way is uphill."""
+    """The losses of transitions, and their gradient."""
 
     values: tuple[Any, Any]  # of the actor and of the critics: numbers
     log_prob: Array  # (B,), of the actions drawn in the states
@@ -134,7 +134,7 @@ class SACGradient:
     def _targets(
         self, batch: Transitions, settings: Settings, drawn: Draw, target: Sequence[Array]
     ) -> Array:
-        """Return what the critics should say of the taken actions, (B,)."""
+        """Return the critics' targets for the taken actions, (B,)."""
         count = len(batch.reward)
         after = np.concatenate([batch.next_observation, drawn.action[count:]], 1)
         values = [self._critic.forward(one, after)[-1][:, 0] for one in _each(target)]

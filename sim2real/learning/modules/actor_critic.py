@@ -34,7 +34,7 @@ FEATURES, MEMORY = "features", "recurrent_state"
 
 
 class Policy(nn.Module):
-    """What a policy-gradient method trains.
+    """The actor and the critic of a policy-gradient method.
 
     Args:
         actor: maps the environment's entries to "action" and "action_log_prob".
@@ -68,7 +68,7 @@ class Policy(nn.Module):
         return self.critic if self._head is None else self._head
 
     def network(self, actor: Any) -> nn.Module | None:
-        """Return what makes an actor's means of one entry; None where it is more than that."""
+        """Return the module from one entry to an actor's means; None if there is more to it."""
         plain = self._head is None and len(actor.in_keys) == 1
         return actor[0].module[0] if plain else None
 
@@ -102,7 +102,7 @@ def actor_critic(
         critic: makes the network of the value; None for an actor alone.
         in_keys: entries that are seen, side by side.
         body: networks that actor and critic share, by name and in order; None for none.
-        memory: makes a recurrent module that both see beside the entries; None for none.
+        memory: makes a recurrent module whose output both see, too; None for none.
         window: steps that a gradient reaches back through the memory.
         log_std: logarithm of the actions' first standard deviation.
         orthogonal: whether weights start orthogonal (Saxe et al. 2014), with the gains of
@@ -160,7 +160,7 @@ Module = TensorDictModule
 
 
 def _spread(mean: nn.Module, scale: nn.Module, seen: list[NestedKey]) -> list[Module]:
-    """Return what writes the normal law: one module, where one entry is seen."""
+    """Return the modules that write the normal distribution: a single one for a single entry."""
     both: list[NestedKey] = ["loc", "scale"]
     if len(seen) == 1:
         return [Module(nn.Sequential(mean, scale), seen, both)]

@@ -1,7 +1,7 @@
 """Tensors that lie side by side in memory, as the one vector that they are.
 
     vector = gather([p.data for p in parameters])     # (P,), and each p.data becomes a view of it
-    same = side_by_side([p.data for p in parameters]) # None where somebody has moved one
+    same = side_by_side([p.data for p in parameters]) # None if one was replaced
 
 A network of reinforcement learning is a dozen small tensors. What an optimizer or a gradient does
 to each of them costs more to call than to do, so that one call for all is several times faster.
@@ -57,7 +57,7 @@ class FlatParameters:
         self._apart: list[int] = []  # bytes from the first parameter to each
 
     def renew(self) -> bool:
-        """Gather the parameters where somebody has moved one; return whether `vector` is new."""
+        """Gather the parameters again if one was replaced; return whether `vector` is new."""
         if [p.data_ptr() for p in self.parameters] == self._places:
             return False
         found = contiguous_vector(self.parameters)

@@ -37,7 +37,7 @@ class FunctionalActor:
         in_keys: the entries that it reads, in the order of its arguments.
 
     Raises:
-        Sim2RealError: for an actor of another distribution, or one that is no function.
+        Sim2RealError: for an actor of another distribution, or one that is not a function.
     """
 
     def __init__(self, actor: Any) -> None:
@@ -127,7 +127,7 @@ def divergence(new: Normal, old: Normal) -> Tensor:
 def fisher_product(
     function: Callable[[Tensor], Normal], vector: Tensor, weight: float
 ) -> Callable[[Tensor], Tensor]:
-    """Return what multiplies vectors by the Fisher matrix of normal laws.
+    """Return a function that multiplies vectors by the Fisher matrix of normal distributions.
 
     It is J^T W J of the laws' means and log-deviations by the parameters, W being 1 / sigma^2 for a
     mean and 2 for a log-deviation: the Hessian of the laws' divergence at no distance (Martens

@@ -1,4 +1,4 @@
-"""What turns a network's output into the parameters of a distribution."""
+"""Heads, which turn a network's output into the parameters of a distribution."""
 
 import torch
 from torch import nn

@@ -1,4 +1,4 @@
-"""A policy that is told a few latent numbers z beside its observation.
+"""A policy conditioned on a few latent numbers z in addition to its observation.
 
     policy = LatentPolicy(11, 3, low, high, latent=2, hidden=(32,), ...)    # as MLPPolicy
     theta[-policy.latent :]                                                 # z
@@ -58,7 +58,7 @@ class LatentPolicy(MLPPolicy):
 
     @property
     def shape(self) -> dict[str, Any]:
-        """What a parameter vector must fit: sizes and nonlinearities."""
+        """The architecture that a parameter vector must fit: sizes and nonlinearities."""
         return {**super().shape, "latent": self.latent}
 
     def initial(self, rng: np.random.Generator) -> np.ndarray:

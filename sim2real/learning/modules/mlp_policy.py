@@ -122,7 +122,7 @@ class MLPPolicy:
 
     @property
     def shape(self) -> dict[str, int | str | list[int]]:
-        """What a parameter vector must fit: sizes and nonlinearities."""
+        """The architecture that a parameter vector must fit: sizes and nonlinearities."""
         return {
             "observation_size": self.observation_size,
             "action_size": self.action_size,
@@ -222,7 +222,7 @@ def action_limits(env: EnvBase) -> tuple[np.ndarray, np.ndarray]:
     """Return the actions' limits, (A,) float64 each; those of rows as exactly as they know them.
 
     Raises:
-        Sim2RealError: actions that are no vector.
+        Sim2RealError: actions that are not vectors.
     """
     base = env.base_env if isinstance(env, TransformedEnv) else env
     if isinstance(base, RowsEnv):

@@ -1,4 +1,4 @@
-"""torch's global generators at a place of their own: two algorithms do not disturb each other.
+"""Separate states of torch's global generators, so that two algorithms do not interfere.
 
 randomness = TorchRandomStream(seed=0, device="cpu")
 with randomness:

@@ -26,7 +26,7 @@ from sim2real.runs.errors import Sim2RealError
 
 
 class SoftPolicy(nn.Module):
-    """What SAC trains.
+    """The actor and the critics of SAC.
 
     Args:
         actor: maps the environment's entries to "action" in (-1, 1) and "action_log_prob".
@@ -56,7 +56,7 @@ class SoftPolicy(nn.Module):
         return [ActionScaling(loc=self._middle, scale=self._half)]
 
     def network(self, actor: Any) -> nn.Module | None:
-        """Return what makes an actor's means of one entry, before they are squashed."""
+        """Return the module from one entry to an actor's means, before squashing."""
         whole = actor[0].module[0]
         if len(actor.in_keys) > 1 or not isinstance(whole[-1], nn.Linear):
             return None

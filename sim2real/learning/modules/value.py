@@ -21,7 +21,7 @@ Tensor = torch.Tensor
 
 @dataclass(frozen=True)
 class Critic:
-    """What says how much a policy will earn."""
+    """A value function of a policy."""
 
     module: TensorDictModuleBase  # writes the value of what is observed
     unit: float = 1.0  # what rewards are divided by before they are valued; above 0

@@ -117,7 +117,7 @@ class FastAdam(torch.optim.Adam):
         return True
 
     def _part(self) -> None:
-        """Give each parameter a count of its own."""
+        """Give each parameter its own step count."""
         for state in self.state.values():
             if "step" in state:
                 state["step"] = state["step"].clone()

@@ -26,14 +26,14 @@ RESIDUAL = 1e-10  # squared norm of a residual at which a solution is exact, as 
 
 
 class ObjectiveAndKL(NamedTuple):
-    """What parameters are worth: the objective, and the divergence from the policy that acted."""
+    """The objective of parameters, and their divergence from the policy that acted."""
 
     objective: float
     kl: float
 
 
 class StepResult(NamedTuple):
-    """What a step did.
+    """The result of a step.
 
     Attributes:
         theta: the parameters after it, (P,).
@@ -138,7 +138,7 @@ def conjugate_gradient(product: Product, vector: Tensor, iterations: int) -> Ten
     Args:
         product: multiplies a vector (P,) by A.
         vector: b, (P,).
-        iterations: at most so many products.
+        iterations: maximum number of products.
 
     Returns:
         x, (P,).

@@ -7,7 +7,7 @@
 
 A perceptron around whose output a Gaussian draws acts as `MLPPolicy` does, at its speed. Any other
 actor is called for all rows at once by `torch.func`, and so must be one that `vmap` can call; a
-recurrent one takes `GRUModule(python_based=True)`, and each row has a memory of its own. As there,
+recurrent one takes `GRUModule(python_based=True)`, and each row has its own memory. As there,
 a row's action depends on nothing but its own parameters, memory and observation, to the last bit.
 Actions are cut at their limits, as `RowsEnv` cuts them.
 """
@@ -58,7 +58,7 @@ class Acts(Protocol):
     actor: TensorDictModuleBase
 
     def network(self, actor: Any) -> nn.Module | None:
-        """Return what makes an actor's means of one entry; None where it is more than that."""
+        """Return the module from one entry to an actor's means; None if there is more to it."""
         ...
 
     def primers(self) -> Sequence[Transform]:
@@ -98,7 +98,7 @@ class ActorPolicy:
     Args:
         actor: maps "observation" to "action", on the CPU. Its present parameters are the first.
         env: its specs say what is seen and the actions' limits.
-        network: see `Acts`; the default is that of an actor that is no function.
+        network: see `Acts`; the default is that of an actor that is not a function.
         primers: see `Acts`.
         critic: the policy's critic, if any.
         searched: whether the critic's parameters stand behind the actor's; what acts leaves them
@@ -155,7 +155,7 @@ class ActorPolicy:
 
     @property
     def shape(self) -> dict[str, Any]:
-        """What a parameter vector must fit: the shape of each parameter."""
+        """The architecture that a parameter vector must fit: the shape of each parameter."""
         return {name: list(p.shape) for name, p in self._named()}
 
     def _named(self) -> list[tuple[str, nn.Parameter]]:
@@ -288,7 +288,7 @@ class ActorSlots:
         self._call = vmap(self._one)
 
     def load(self, ids: np.ndarray, thetas: np.ndarray) -> None:
-        """Put parameter vectors (n, num_parameters) into rows (n,), whose memories start anew."""
+        """Put parameter vectors (n, num_parameters) into rows (n,), whose memories restart."""
         rows, start = torch.from_numpy(ids), 0
         flat = torch.from_numpy(np.asarray(thetas, np.float32))
         for stack in self._params.values():
@@ -344,7 +344,7 @@ def _memory(actor: nn.Module) -> dict[str, tuple[int, ...]]:
 
 
 def _perceptron(policy: ActorPolicy) -> MLPPolicy | None:
-    """Return the same network for the fast path; None for an actor that is no such network."""
+    """Return the same network for the fast path; None if the actor is not such a network."""
     actor = policy.actor
     if not isinstance(actor, ProbabilisticTensorDictSequential):
         return None

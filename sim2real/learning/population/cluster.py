@@ -6,7 +6,7 @@
     with Cluster(address="auto", workers=16, rows=32, refill=1).attached(learner):
         learner.iterate()                   # the same numbers as without
 
-Each worker is a process with one batched environment, on a CPU of its own; see
+Each worker is a process with one batched environment, on a separate CPU; see
 `sim2real.learning.population.remote` for what is said to it. Results are those of a local run, bit
 for bit on the same kind of processor, and the episodes of a worker that dies run again elsewhere.
 
@@ -93,7 +93,7 @@ class Cluster:
 
     # its head's address, as `ray start` prints it; "auto" finds the one on this machine
     address: str
-    workers: int  # environments, each in a process on a CPU of its own
+    workers: int  # environments, each in a process on a separate CPU
     rows: int  # episodes side by side in each
     refill: int  # see `Population`
 

@@ -99,7 +99,7 @@ class EnvRows:
             return self._env.reset(seeds=self._seeds.copy())
         except TypeError as error:
             raise Sim2RealError(
-                f"env: a population restarts rows with seeds of their own, and "
+                f"env: a population restarts rows with separate seeds, and "
                 f"{type(self._env.base_env).__name__} takes none ({error}); let its _reset take "
                 "seeds, (N,) uint64"
             ) from error
@@ -130,7 +130,7 @@ class EnvRows:
         )
 
     def _play(self, kept: np.ndarray, restarted: np.ndarray) -> np.ndarray:
-        """Return what some rows show and are paid in a few steps; others restart after each."""
+        """Return some rows' observations and rewards in a few steps while others restart."""
         seeds, points = self._ids.astype(np.uint64), self.space.points(self.num_rows)
         rng = np.random.default_rng(0)  # any actions do, if they are the same twice
         said = [self.reset(self._ids, points, seeds)[kept].ravel()]
@@ -171,7 +171,7 @@ class _GivenParams(Transform):
 
 
 def _space(env: TransformedEnv, now: TensorDictBase) -> ParamSpace:
-    """Return the parameters; those of somebody else's environment are neutral as it begins."""
+    """Return the parameters; those of a third-party environment are neutral at its start."""
     base = env.base_env
     if isinstance(base, RowsEnv):
         return base.rows.space

@@ -70,7 +70,7 @@ def orthogonal_directions(rng: np.random.Generator, count: int, size: int) -> np
 
 @dataclass(frozen=True, kw_only=True)
 class StrategySettings:
-    """How an evolution strategy searches.
+    """The settings of an evolution strategy.
 
     Raises:
         Sim2RealError: for values out of range.

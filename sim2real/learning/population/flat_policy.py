@@ -1,4 +1,4 @@
-"""What a population asks of a policy: that its parameters are one vector, of which many act.
+"""The interface of a population's policy: its parameters are one vector, of which many act.
 
     slots = policy.slots(256)
     slots.load(np.arange(256), thetas)                # a parameter vector per row
@@ -49,7 +49,7 @@ class FlatPolicy(Protocol):
 
     @property
     def shape(self) -> dict[str, Any]:
-        """What a parameter vector must fit."""
+        """The architecture that a parameter vector must fit."""
         ...
 
     def initial(self, rng: np.random.Generator) -> np.ndarray:
@@ -62,7 +62,7 @@ class FlatPolicy(Protocol):
 
     @property
     def primers(self) -> Callable[[], Sequence[Transform]]:
-        """What makes the transforms that `acting` needs."""
+        """A function that makes the transforms that `acting` needs."""
         ...
 
     def acting(self, theta: np.ndarray, mean: np.ndarray, std: np.ndarray) -> TensorDictModuleBase:

@@ -1,4 +1,4 @@
-"""A trained policy as a population: many candidates around it, each on a robot of its own.
+"""A trained policy as a population: many candidates around it, each on its own robot.
 
     population = population_of(trained, num_rows=256)
     evaluate_adaptation(population, trained.theta, None, adapt, values, seeds, episodes=5)

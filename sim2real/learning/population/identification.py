@@ -1,10 +1,10 @@
-"""A trained policy that is told what is identified: on many robots at once, and what it is worth.
+"""Score a policy that is conditioned on identified parameters, on many robots at once.
 
     scores = score_identification(trained, adapt, values, seeds, episodes=5)
     scores.before, scores.after                     # (n, 5) returns each
 
-The counterpart of `evaluate_adaptation`, whose episodes report returns alone. Before, the policy is
-told the middle of the ranges of training; after, what was found in the logs of the adaptation.
+The counterpart of `evaluate_adaptation`, whose episodes report returns alone. Before, the policy
+receives the centre of the training ranges; after, what was found in the logs of the adaptation.
 """
 
 import numpy as np
@@ -26,7 +26,7 @@ def identify_many(
     """Let a policy identify robots, side by side.
 
     Args:
-        trained: a policy that is told its robot's parameters.
+        trained: a policy that receives its robot's parameters.
         adapt: how, of the policy's environment.
         values: the robots, (n, P).
         seeds: of all randomness, (n,) uint64.
@@ -55,7 +55,7 @@ def score_identification(
     """Score a policy before and after it identified its robot, on the same fresh episodes.
 
     Args:
-        trained: a policy that is told its robot's parameters.
+        trained: a policy that receives its robot's parameters.
         adapt: how it identifies them, of the policy's environment.
         values: the robots, (n, P).
         seeds: of all randomness, (n,) uint64.
@@ -72,7 +72,7 @@ def score_identification(
 
 
 def _said(trained: TrainedPolicy, thetas: list[np.ndarray | None]) -> np.ndarray:
-    """Return what stands behind the parameters, (n, P)."""
+    """Return the context that follows the parameters, (n, P)."""
     return np.stack([theta[len(trained.theta) :] for theta in thetas if theta is not None])
 
 

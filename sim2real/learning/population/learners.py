@@ -24,7 +24,7 @@ from sim2real.learning.modules.normalizer import Normalizer
 
 @dataclass(frozen=True)
 class BatchedLearningResult:
-    """What J members did in R rounds."""
+    """The results of J members in R rounds."""
 
     # undiscounted return of the episodes that ended in a round, their mean, (J, R); of the one
     # that goes on where none did
@@ -165,7 +165,7 @@ class _Wave:
         return RolloutBatch(*(torch.from_numpy(x) for x in columns))
 
     def _look(self) -> np.ndarray:
-        """Return what the policies see, (n, O), and count it."""
+        """Return the policies' normalized observations, (n, O), and update their statistics."""
         off = self._raw - self._mean
         self._books.sums[self._members] += off
         self._books.squares[self._members] += off**2

@@ -32,7 +32,7 @@ from sim2real.runs.errors import Sim2RealError
 
 @dataclass(frozen=True)
 class PopulationRequest:
-    """What a population runs: J members with A adaptation and F final episodes each."""
+    """A population's plan: J members with A adaptation and F final episodes each."""
 
     cohort: BatchedSession  # their adaptations, J members
     values: np.ndarray  # task parameters during adaptation, (J, P)
@@ -58,7 +58,7 @@ class PopulationRequest:
 
 @dataclass(frozen=True)
 class PopulationResult:
-    """What a population returned, E = A + F episodes a member, in their order."""
+    """A population's returns, E = A + F episodes a member, in their order."""
 
     returns: np.ndarray  # undiscounted returns, (J, E)
     lengths: np.ndarray  # control steps, (J, E)
@@ -84,11 +84,11 @@ class PopulationResult:
 
 
 class Population:
-    """Runs members over shards, each a batched environment with a thread of its own.
+    """Runs members over shards, each a batched environment with its own thread.
 
     Args:
         shards: environments of the same task. One shard runs in the calling thread.
-        policy: what all members are, with parameters of their own.
+        policy: the policy of all members, whose parameters differ.
         refill: rows of a shard that must be free before the queue fills them; half of them always
             will do. Starting several episodes at once costs little more than starting one, so that
             more than 1 pays where episodes are short, or where a step of few rows costs as much as

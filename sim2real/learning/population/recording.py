@@ -17,7 +17,7 @@ Act = Callable[[np.ndarray], np.ndarray]  # observations (n, O) to actions (n, A
 
 
 class RecordedEpisodes(NamedTuple):
-    """What n episodes came to."""
+    """Returns, lengths and logs of n episodes."""
 
     returns: np.ndarray  # (n,)
     lengths: np.ndarray  # (n,) control steps

@@ -53,7 +53,7 @@ class Batch(NamedTuple):
 
 
 class Outcomes(NamedTuple):
-    """What k episodes came to; see `PopulationResult` for the columns."""
+    """The results of k episodes; see `PopulationResult` for the columns."""
 
     tickets: np.ndarray  # (k,)
     returns: np.ndarray  # (k,)
@@ -64,7 +64,7 @@ class Outcomes(NamedTuple):
 
 
 class ObservationScaling(NamedTuple):
-    """How observations are normalized during a run; `mean` None feeds them raw."""
+    """The normalization of observations during a run; `mean` None feeds them raw."""
 
     run: int  # number of the run; a new one makes a worker forget what is left of the last
     mean: np.ndarray | None  # (O,)
@@ -72,7 +72,7 @@ class ObservationScaling(NamedTuple):
 
 
 class Stream:
-    """The episodes that a worker holds: a shard's feed in which each is a member of its own.
+    """The episodes that a worker holds: a shard's feed in which each is a separate member.
 
     Args:
         capacity: episodes held at a time.
@@ -132,7 +132,7 @@ class Stream:
         self._finished += members.tolist()
 
     def outcomes(self) -> Outcomes:
-        """Return what is finished, and make room."""
+        """Return the outcomes of finished episodes, and free their rows."""
         at = np.array(self._finished, np.int64)
         self._free += self._finished
         self._finished = []
@@ -264,7 +264,7 @@ class RemoteShard:
         job.requeue(members, episodes)
         self.link = self._start(GRACE)
         if self.link is None:
-            log.warning("there is no place for another worker; going on with the rest")
+            log.warning("no CPU is free for a replacement worker; continuing with the others")
 
 
 class RemotePopulation(Population):
@@ -272,7 +272,7 @@ class RemotePopulation(Population):
 
     Args:
         shards: the workers' stand-ins.
-        policy: what all members are, with parameters of their own.
+        policy: the policy of all members, whose parameters differ.
         space: parameters of the task.
     """
 

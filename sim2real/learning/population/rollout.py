@@ -20,7 +20,7 @@ Watch = Callable[[EnvBase, np.ndarray], None]
 
 
 class EpisodeResults(NamedTuple):
-    """What n episodes came to."""
+    """Returns, lengths and failures of n episodes."""
 
     returns: np.ndarray  # (n,)
     lengths: np.ndarray  # (n,) control steps

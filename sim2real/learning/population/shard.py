@@ -19,7 +19,7 @@ from sim2real.learning.population.flat_policy import FlatPolicy
 
 
 class EpisodeQueue(Protocol):
-    """Where a shard gets episodes from and writes their outcomes, by member and episode."""
+    """A shard's source of episodes and sink of their outcomes, by member and episode."""
 
     collect: bool  # whether sums of observations are wanted, and observations normalized
     mean: np.ndarray  # (O,)

@@ -1,4 +1,4 @@
-"""What a round looks at beside the physics: the policy's interface, and what causes cost it.
+"""A round's checks other than the physics: the policy's interface, and what causes cost it.
 
 interface(logs, load_actor, place)          # "holds", "broken", "cannot_tell" or None
 priced(causes, trained, place, 64, seed=0)
@@ -68,8 +68,8 @@ def priced(
         return
     with Progress(1, "robot") as progress:
         worth = compute_cause_costs(trained, causes, rollouts, seed=seed, report=progress.report)
-    told = worth_report.read_diagnosis(place / DIAGNOSIS)
-    closed = worth_report.shares_closed(told, causes)
+    facts = worth_report.read_diagnosis(place / DIAGNOSIS)
+    closed = worth_report.shares_closed(facts, causes)
     about = {"policy": str(trained.source), "effects": str(place / DIAGNOSIS), "seed": seed}
     with atomic_folder(folder) as made:
         worth_report.write(worth, made, closed, about)

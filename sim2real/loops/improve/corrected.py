@@ -34,7 +34,7 @@ OVERRIDES = Path(".hydra") / "overrides.yaml"
 
 
 def corrected(parts: Components, causes: Sequence[Cause], folder: Path) -> Components:
-    """Return what trains a policy on robots drawn from what was found.
+    """Return the training's components with robots drawn from the causes.
 
     Args:
         parts: what trained it before.

@@ -1,7 +1,7 @@
 """Deploy, diagnose, price, retrain, deploy again: until the robot does what the simulator promises.
 
-    told = improve(site, parts, training, first, plan, out)
-    told.end, told.best                         # "within_noise", 1
+    history = improve(site, parts, training, first, plan, out)
+    history.end, history.best                         # "within_noise", 1
 
 Round 0 deploys the policy as given. A round checks the interface of the policy on its log, records
 the robot, diagnoses all recordings so far, prices what was found, trains on from where the policy
@@ -61,7 +61,7 @@ GUARD_STOPPED = 3  # exit status
 
 @dataclass(frozen=True)
 class Plan:
-    """How long a loop goes on."""
+    """The limits of a loop."""
 
     rounds: int  # trainings at most
     tolerance: float  # part of the simulator's return that counts as nothing
@@ -80,7 +80,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Improvement:
-    """How a loop ended."""
+    """The result of a loop."""
 
     end: End  # why, see `story.WORDS`
     why: str  # the guard's words where it stopped the robot
@@ -100,7 +100,7 @@ def improve(
     plan: Plan,
     out: Path,
 ) -> Improvement:
-    """Run rounds until there is nothing to gain, nothing to find, or somebody ends it.
+    """Run rounds until nothing is left to gain or to find, or a person ends it.
 
     Args:
         site: the robot, or what stands for it.
@@ -153,7 +153,7 @@ class _Loop:
 
     @property
     def about(self) -> dict[str, Any]:
-        """What a loop that goes on must share."""
+        """The settings that a continued loop must share."""
         site = self.site
         unit = "m less the task's other costs" if site.by_distance else "as the task pays"
         return {
@@ -170,11 +170,11 @@ class _Loop:
         file = self.out / RESULT
         if not file.is_file():
             return
-        told = json.loads(file.read_text(encoding="utf-8"))
+        earlier = json.loads(file.read_text(encoding="utf-8"))
         for key, value in self.about.items():
-            if told.get(key) != value:
+            if earlier.get(key) != value:
                 raise Sim2RealError(
-                    f"resume={self.out}: that loop has {key}={told.get(key)}, this one {value}; "
+                    f"resume={self.out}: that loop has {key}={earlier.get(key)}, this one {value}; "
                     "a loop goes on with its own settings, or start another folder"
                 )
 
@@ -241,12 +241,12 @@ class _Loop:
         made = learn(place, POLICY, parts, longer(self.training, source), start=source)
         robot = None if self.plan.absent else site.deploy(made, place / "deploy")
         score = site.score(made, [(cause.effect, cause.values) for cause in causes])
-        told = facts(place)
-        found = (self.contract, told["verdict"], told["causes"])
+        report = facts(place)
+        found = (self.contract, report["verdict"], report["causes"])
         link = read_link(place / "deploy")
         one = Round(self.number, str(made.source), robot, score, *found, link)
         self.add(one)
-        table_of(one, told["gap"]).write(place / "table", f"Round {self.number}")
+        table_of(one, report["gap"]).write(place / "table", f"Round {self.number}")
         return made
 
     def _known(self) -> Path | None:

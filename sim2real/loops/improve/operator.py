@@ -1,10 +1,10 @@
-"""Whoever stands beside a real robot: is asked before it moves, and may measure how far it went.
+"""The person next to a real robot, who consents to each motion and may measure its distance.
 
     operator = Operator()
     operator.consents("bench1 runs three episodes. Is the space around it clear?")
     operator.distance("episode 2")              # m
 
-Nobody at the terminal is a no.
+Without a terminal the answer is no.
 """
 
 import math
@@ -46,7 +46,7 @@ class Operator:
         """Ask how far the robot went, until the answer is a number; return it [m].
 
         Raises:
-            Sim2RealError: nobody is there to ask.
+            Sim2RealError: there is no terminal to ask at.
         """
         hint = ""
         while True:
@@ -56,8 +56,8 @@ class Operator:
                 )
             except EOFError:
                 raise Sim2RealError(
-                    "nothing tracks the robot, and nobody is there to enter how far it went; start "
-                    "it in a terminal, or give it a tracker (hardware/body.py)"
+                    "nothing tracks the robot, and there is no terminal to enter how far it went; "
+                    "start it in a terminal, or give it a tracker (hardware/body.py)"
                 ) from None
             try:
                 metres = float(answer.strip().removesuffix("m").replace(",", "."))
@@ -65,4 +65,4 @@ class Operator:
                 metres = math.nan
             if math.isfinite(metres):
                 return metres
-            hint = f"{answer.strip()!r} is no number of metres, such as 0.85. "
+            hint = f"{answer.strip()!r} is not a number of metres, such as 0.85. "

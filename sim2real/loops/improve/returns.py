@@ -37,7 +37,7 @@ def improve_by_returns(
     first: TrainedPolicy | None,
     out: Path,
 ) -> Session:
-    """Train under one distribution after another, until all rounds are done or somebody ends it.
+    """Train under one distribution after another, until all rounds are done or a person ends it.
 
     Args:
         site: the robot, or what stands for it.

@@ -54,7 +54,7 @@ class RobotSetup:
 
     machine: Robot  # the robot; with a port a real one, which the operator is asked about
     environment: EnvironmentFactory  # the simulator of its task, as given
-    operator: Operator  # stands beside a real robot
+    operator: Operator  # the person next to a real robot
     trials: int  # episodes of each policy
     settle: float  # how long the start is held before each [s]
     limits: StopLimits  # when the guard stops it
@@ -75,7 +75,7 @@ class RobotSetup:
 
     @property
     def name(self) -> str:
-        """What it is called in the loop's files."""
+        """Its name in the loop's files."""
         return self.machine.name
 
     @property
@@ -110,21 +110,21 @@ class RobotSetup:
         if other is None:
             raise Sim2RealError(
                 f"the reward of {type(task).__name__} needs {', '.join(sorted(lacking))}, which "
-                f"{self.machine.name} does not measure and nobody can enter; give it a tracker "
-                "(hardware/body.py)"
+                f"{self.machine.name} does not measure and a person cannot enter; give it a "
+                "tracker (hardware/body.py)"
             )
         return other
 
     @property
     def by_distance(self) -> bool:
-        """Whether somebody enters the distance of each episode."""
+        """Whether a person enters the distance of each episode."""
         return self.task is not servo_task(self.environment)
 
     def _backend(self) -> ServoBackend:
         return ServoBackend(self.machine, self.settle, limits=self.limits, seed=self.seed)
 
     def score(self, trained: TrainedPolicy, effects: Sequence = ()) -> list[float]:
-        """Return what a policy earns in the simulator with effects, from the robot's starts."""
+        """Return a policy's returns in the simulator with effects, from the robot's starts."""
         world = replace(self.environment, tasks=Randomization(), fixed=effects)
         return trained.run_episodes(
             self._plan(trained).fresh, world.with_task(self.task)

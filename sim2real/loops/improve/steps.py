@@ -45,7 +45,7 @@ def learn(
     settings: dict[str, Any],
     start: str | Path | None = None,
 ) -> TrainedPolicy:
-    """Train in a folder of its own, from where it stopped, and return the policy.
+    """Train in a separate folder, from where it stopped, and return the policy.
 
     Args:
         folder: of the loop.
@@ -95,7 +95,7 @@ def on_stand(
     Args:
         robot: the robot; a real one hangs.
         folder: gets the model of the robot on its stand, a.csv and b.csv; what a guard that stops
-            the robot leaves is in a folder beside it.
+            the robot leaves is in a folder next to it.
         motions: kinds of motion.
         seconds: the duration of each recording.
         limits: when the guard stops the robot.
@@ -121,7 +121,7 @@ def on_stand(
 
 
 def _free(folder: Path) -> Path:
-    """Return a name beside a folder that nothing has."""
+    """Return an unused name next to a folder."""
     number, path = 1, folder.with_name(folder.name + BROKEN_OFF)
     while path.exists():
         number += 1

@@ -1,4 +1,4 @@
-"""What an improvement did, round by round, and why it ended: improve.json, a table and a picture.
+"""The history of an improvement, round by round: improve.json, a table and a picture.
 
     story = ImprovementHistory(tolerance=0.02, seed=0)
     story.rounds.append(Round(0, "RUN", robot=[0.6, 0.5], simulator=[2.2, 2.1]))
@@ -38,8 +38,8 @@ WORDS: dict[End, str] = {
     "no_gain": "the last round brought nothing on the robot",
     "rounds": "all rounds are used",
     "nothing_found": "the diagnosis found nothing that the simulator lacks",
-    "interface": "the policy's interface is broken, which no training mends",
-    "log": "the recordings contradict themselves: mend that first",
+    "interface": "the policy's interface is broken, which training cannot fix",
+    "log": "the recordings contradict themselves: correct them first",
     "stopped": "the guard stopped the robot",
     "declined": "the operator ended it",
     "no_robot": "the policy is retrained; give port= to run it on the robot that made the logs",
@@ -192,7 +192,7 @@ def word_of(cause: Mapping[str, Any]) -> str:
 
 
 def table_of(one: Round, gap: str) -> Table:
-    """Return a round's causes, the dearest first: value, share of the gap and cost.
+    """Return a round's causes, the costliest first: value, share of the gap and cost.
 
     Args:
         one: the round.

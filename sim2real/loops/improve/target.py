@@ -42,7 +42,7 @@ class Target:
     """A simulated robot, of which the loop knows its episodes alone.
 
     Raises:
-        Sim2RealError: fewer than two trials, or worlds that are no simulations of a robot.
+        Sim2RealError: fewer than two trials, or worlds that are not simulations of a robot.
     """
 
     world: EnvironmentFactory  # what stands for the robot
@@ -63,7 +63,7 @@ class Target:
 
     @property
     def name(self) -> str:
-        """What it is called in the loop's files."""
+        """Its name in the loop's files."""
         return f"target {self.world.name}"
 
     @cached_property
@@ -76,7 +76,7 @@ class Target:
         return record(robot, trained.controller(num_rows=self.trials), self._seeds)
 
     def score(self, trained: TrainedPolicy, effects: Sequence = ()) -> list[float]:
-        """Return what a policy earns in the simulator with effects, from the target's starts."""
+        """Return a policy's returns in the simulator with effects, from the target's starts."""
         world = replace(self.environment, tasks=Randomization(), fixed=effects)
         return self._played(trained, world).returns.tolist()
 
@@ -107,7 +107,7 @@ class Target:
 
 
 def cut(log: Log, seconds: float) -> Log:
-    """Return the log in episodes of about so many seconds, each from its own recorded state."""
+    """Return the log in episodes of about `seconds` s, each from its own recorded state."""
     parts = []
     for part in log.episodes():
         pieces = max(1, round(float(part.time[-1]) / seconds))

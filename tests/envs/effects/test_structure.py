@@ -7,6 +7,7 @@ import pytest
 from envs.effects import make
 from envs.errors import EffectError
 from envs.plant import Plant
+from envs.tasks.servo.base import ASSETS
 
 LOAD = 0.2 * 9.81 * 0.1  # gravity torque of the level link [N·m]
 SIDES = ["motor", "link"]
@@ -106,14 +107,35 @@ def test_compliance_rings_at_its_own_frequency(bench, one) -> None:
 @pytest.mark.parametrize("name", ["backlash", "joint_compliance"])
 @pytest.mark.parametrize("side", SIDES)
 def test_neutral_rows_move_as_without_the_joint(bench, one, name: str, side: str) -> None:
-    """A structured plant at value 0 agrees with a plain one to 1e-7 rad."""
+    """A structured plant at value 0 agrees with a plain one to rounding."""
     commands = 0.5 * np.sin(np.arange(1000) * 0.01)
     paths = []
     for effects in ([], [one(name, side=side)]):
         arm = bench(effects, gravity=9.81)
         arm.reset(0.1, 0.5)
         paths.append(np.array(arm.run(commands)))
-    assert paths[1] == pytest.approx(paths[0], abs=1e-7)
+    assert paths[1] == pytest.approx(paths[0], abs=1e-12)
+
+
+@pytest.mark.parametrize("robot", ["arm2", "quad8", "hopper2"])
+def test_neutral_rows_of_a_robot_on_the_ground_move_as_without_the_joints(robot: str) -> None:
+    """A joint that is held still leaves the solver's stopping rule, and so contacts, alone."""
+    spec = mujoco.MjSpec.from_file(str(ASSETS / f"{robot}.xml"))
+    plain, play = (Plant(spec, effects, 2, 1) for effects in ([], [make("backlash")]))
+    play.set_params(np.arange(2), np.array([[0.0], [0.02]]))
+    model = plain.model
+    home = model.key_qpos[0] if model.nkey else model.qpos0
+    rest = home[model.jnt_qposadr[model.actuator_trnid[:, 0]]]  # of the servos, (nu,)
+    for plant in (plain, play):
+        start = np.tile(home, (2, 1)), np.zeros((2, model.nv))
+        plant.reset(np.arange(2), *start, np.arange(2, dtype=np.uint64))
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        commands = rest + random.uniform(-0.3, 0.3, (2, model.nu))
+        for plant in (plain, play):
+            assert not plant.step(None, commands, 20).any()
+    assert play.qpos[0] == pytest.approx(plain.qpos[0], abs=1e-12)
+    assert np.abs(play.qpos[1] - plain.qpos[1]).max() > 1e-3
 
 
 @pytest.mark.parametrize("name", ["backlash", "joint_compliance"])

@@ -75,13 +75,17 @@ def test_a_hopper_with_parameters_is_the_same_on_both_engines() -> None:
 
 ONE = {  # where an effect acts on quad8, and three values of its parameters
     "armature": ("hip_fl", [0.0, 1e-3, 3e-3]),
+    "asymmetric_friction": ("hip_fl", [0.0, 0.02, -0.05]),
     "backlash": ("hip_fl", [0.01, 0.02, 0.03]),
     "center_of_mass": ("thigh_fl", [0.0, 0.01, -0.01]),
     "clock_drift": (None, [0.0, 0.02, -0.02]),
+    "cogging": ("hip_fl", [0.0, 0.02, 0.05]),
     "command_delay": (None, [0.0, 0.004, 0.015]),
     "contact_stiffness": (None, [1.0, 0.5, 2.0]),
     "coulomb_friction": ("hip_fl", [0.0, 0.02, 0.05]),
     "derivative_gain": ("hip_fl", [0.0, 1e-3, 3e-3]),
+    "encoder_eccentricity": ("hip_fl", [0.0, 0.02, 0.05]),
+    "encoder_offset": ("hip_fl", [0.0, 0.02, -0.05]),
     "gravity_tilt": (None, [[0.0, 0.0], [0.05, -0.05], [-0.1, 0.02]]),
     "ground_friction": (None, [1.0, 0.7, 1.4]),
     "hysteretic_compliance": ("hip_fl", [0.05, 0.1, 0.2]),
@@ -89,19 +93,28 @@ ONE = {  # where an effect acts on quad8, and three values of its parameters
     "link_inertia": ("thigh_fl", [1.0, 0.7, 1.5]),
     "link_length": ("thigh_fl", [1.0, 1.05, 0.95]),
     "link_mass": ("thigh_fl", [0.0, 0.02, 0.05]),
+    "load_dependent_friction": ("hip_fl", [0.0, 0.1, 0.3]),
     "motor_strength": (None, [1.0, 0.8, 1.1]),
     "observation_delay": (None, [0.0, 0.004, 0.015]),
+    "packet_loss": (None, [0.0, 0.3, 0.6]),
     "payload": ("shank_fl", [0.0, 0.02, 0.05]),
     "position_gain": ("hip_fl", [1.0, 0.8, 1.2]),
+    "profile_acceleration": ("hip_fl", [10.0, 100.0, 1e6]),
+    "profile_velocity": ("hip_fl", [1.0, 5.0, 1e6]),
     "quantization": (None, [0.0, 0.002, 0.01]),
     "restitution": (None, [0.1, 0.3, 0.6]),
     "sensor_noise": (None, [0.0, 0.002, 0.01]),
+    "stribeck_friction": ("hip_fl", [0.0, 0.02, 0.05]),
+    "supply_sag": (None, [0.0, 0.5, 1.5]),
     "supply_voltage": (None, [0.0, 0.2, 0.5]),
     "surface_friction": (None, [1.0, 0.7, 1.4]),
+    "thermal_derating": ("hip_fl", [0.0, 1.0, 5.0]),
     "torque_limit": ("hip_fl", [1.0, 0.8, 0.6]),
+    "torque_speed_knee": ("hip_fl", [1.0, 3.0, 1e6]),
     "velocity_filter": (None, [0.0, 0.004, 0.02]),
     "viscous_friction": ("hip_fl", [0.0, 1e-3, 5e-3]),
 }
+NEEDED = {"supply_sag": {"voltage": 7.4, "torque_constant": 0.6}}
 UNSEEN = {"camera_shift", "camera_turn", "colour", "goal", "light_direction", "light_level"}
 
 
@@ -117,9 +130,47 @@ def test_every_effect_that_is_offered_is_compared() -> None:
 def test_effects_are_the_same_on_both_engines(name: str) -> None:
     """Three values of the effect in three rows of a robot that stands on its feet."""
     where, values = ONE[name]
-    given: dict[str, Any] = {} if where is None else {"where": where}
-    batch, warp = pair(lambda: Quad8("ideal"), lambda: [make(name, **given)])
+    given: dict[str, Any] = NEEDED.get(name, {})
+    batch, warp = pair(lambda: Quad8("ideal"), lambda: [make(name, where=where, **given)])
     assert gap(batch, warp, np.array(values, float).reshape(ROWS, -1)) < 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "given", "values"),
+    [
+        ("backlash", {"side": "link"}, [0.0, 0.02, 0.03]),
+        ("joint_compliance", {"side": "link"}, [0.0, 0.1, 0.2]),
+        ("stribeck_friction", {"bristle": 0.01}, [0.0, 0.02, 0.05]),
+        ("load_dependent_friction", {"external": 0.0}, [0.0, 0.1, 0.3]),
+        ("thermal_derating", {"braking": 1.0, "decay": 0.5}, [0.0, 1.0, 5.0]),
+    ],
+)
+def test_the_ways_of_an_effect_are_the_same_on_both_engines(
+    name: str, given: dict[str, Any], values: list[float]
+) -> None:
+    """Loops that are closed behind a joint, bristles, loads and heat."""
+    batch, warp = pair(lambda: Quad8("ideal"), lambda: [make(name, where="hip_fl", **given)])
+    assert gap(batch, warp, np.array(values).reshape(ROWS, 1)) < 1e-3
+
+
+@pytest.mark.slow
+def test_rules_rest_in_rows_that_are_not_stepped() -> None:
+    """Heat, and the rows whose parameters change, are each row's own."""
+    batch, warp = pair(
+        lambda: Quad8("ideal"), lambda: [make("thermal_derating"), make("stribeck_friction")]
+    )
+    ids, seeds = np.arange(ROWS), np.arange(ROWS, dtype=np.uint64)
+    values = np.array([[0.0, 0.0], [3.0, 0.02], [1.0, 0.05]])
+    action = np.full((ROWS, batch.action_size), 0.2)
+    for one, act in ((batch, action), (warp, torch.from_numpy(action).float())):
+        one.reset(ids, values, seeds)
+        one.step(None, act)
+        one.step(ids[1:], act[1:])
+        one.reset(ids[:1], values[2:], seeds[:1])
+        for _ in range(4):
+            one.step(None, act)
+    assert np.abs(batch.plant.qpos - warp.plant.qpos.cpu().numpy()).max() < 1e-3
 
 
 BEFORE = {"Ant": 2, "EasiAnt": 1}  # control steps before a contact falls on the other side of one

@@ -139,3 +139,20 @@ def test_steps_are_bounded_by_rows() -> None:
     recording = Recording(np.array([0.0, 1e9]), np.zeros((2, 1)), np.zeros(1), np.zeros(1))
     with pytest.raises(TaskError, match=r"1e\+09 s in 2 rows are 5e\+11 steps .* more than the"):
         schedule(recording, 0.002)
+
+
+def test_more_actuators_than_groups_are_off_and_on_together() -> None:
+    """Each of forty sliders coasts while its torque is off."""
+    body = '<body pos="{0} 0 0"><joint name="j{0}" type="slide"/><geom size="0.1"/></body>'
+    text = "".join(body.format(i) for i in range(40))
+    drives = "".join(f'<motor joint="j{i}"/>' for i in range(40))
+    spec = mujoco.MjSpec.from_string(
+        f'<mujoco><option gravity="0 0 0"/><worldbody>{text}</worldbody>'
+        f"<actuator>{drives}</actuator></mujoco>"
+    )
+    on = np.array([[True] * 40, [False] * 40, [False] * 40])
+    recording = Recording(np.array([0, 0.1, 0.2]), np.ones((3, 40)), np.zeros(40), np.zeros(40), on)
+    (path,) = replay(Plant(switchable(spec), num_rows=1), [recording])
+    gone = np.diff(path, axis=0)
+    assert np.ptp(gone, axis=1) == pytest.approx(0.0, abs=1e-12)
+    assert gone[1, 0] == pytest.approx(2 * gone[0, 0], rel=0.03)  # at the speed that it had

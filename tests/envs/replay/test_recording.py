@@ -1,8 +1,10 @@
 """A recording on the clock of a simulation."""
 
 import numpy as np
+import pytest
 
-from envs.replay import Recording, schedule
+from envs.errors import TaskError
+from envs.replay import Recording, groups, schedule
 
 DT = 0.01
 
@@ -31,3 +33,16 @@ def test_readings_after_the_last_command_are_reached() -> None:
     late = schedule(recording._replace(read=np.array([[0.0], [0.051]])), DT)
     assert late.steps == 7
     assert late.ctrl.tolist() == [[1.0]] * 7
+
+
+def test_actuators_that_share_a_group_are_switched_together() -> None:
+    """A humanoid has more of them than the engine has groups."""
+    times, zeros = np.array([0.0, 0.01, 0.02]), np.zeros((3, 40))
+    powered = np.ones((3, 40), bool)
+    powered[1, 30:], powered[2, 3] = False, False
+    recording = Recording(times, zeros, np.zeros(40), np.zeros(40), powered)
+    assert schedule(recording, DT).off.tolist() == [0, 1 << 30, 1 << 3]
+    assert groups(40).tolist() == [*range(31), *[30] * 9]
+    powered[1, 35] = True
+    with pytest.raises(TaskError, match=r"actuator 36 of 40 is switched off at other moments than"):
+        schedule(recording, DT)

@@ -227,7 +227,7 @@ def test_a_link_takes_no_files_place(tmp_path):
     elsewhere.symlink_to(file)
     world = EmulatedRobot(load_robot("bench1"))
     for link in (file, folder, elsewhere):
-        with pytest.raises(RobotError, match="something of that name, and it is no link to a dev"):
+        with pytest.raises(RobotError, match="this exists and is not a link to a device"):
             serve(world, lambda _: None, lambda: True, link)
     assert file.read_text() == "precious"
     assert os.readlink(elsewhere) == str(file)

@@ -128,8 +128,9 @@ def test_an_arm_s_states_read_at_other_times_carry_their_stamps(tmp_path):
     """A row's state is the latest one before its command, and says when it was read."""
     state = [f'S,{20000 * i - 5000},"[{i}, 0]","[0.1, 0]","[0, 0]"' for i in range(4)]
     log = read_log(sage(tmp_path / "wave", state=state))
-    np.testing.assert_allclose(log.column("qpos.Pan"), [0, 1, 2])
-    np.testing.assert_allclose(log.column("stamp.Pan"), [-0.005, 0.015, 0.035])
+    np.testing.assert_allclose(log.column("qpos.Pan"), [0, 1, 2, 3])
+    np.testing.assert_allclose(log.column("ctrl.Pan"), [0, 0.1, 0.2, 0.2])
+    np.testing.assert_allclose(log.column("stamp.Pan"), [-0.005, 0.015, 0.035, 0.055])
     np.testing.assert_allclose(log.column("qvel.Pan"), 0.1)
 
 

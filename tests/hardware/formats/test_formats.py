@@ -74,7 +74,7 @@ def test_a_recording_without_a_mapping_says_what_it_holds(tmp_path: Path) -> Non
         (0, {"unit": "degree"}, "unit 'degree' is not known"),
         ("qpos.pan", {"from": "pan pos"}, "there is no 'pan pos'"),
         ("qpos.pan", {"form": "x"}, "`from` is needed"),
-        ("position.pan", "pan qpos", "a log has no column 'position.pan'"),
+        ("position.pan", "pan qpos", "unknown column 'position.pan'"),
         ("qpos.pan", {"from": "pan qpos", "unit": "grad"}, "unit 'grad' is not known"),
     ],
 )
@@ -154,7 +154,7 @@ def test_a_guess_says_what_is_missing(tmp_path: Path) -> None:
     with pytest.raises(LogError, match=r"`ctrl.<joint>: \{from: NAME\}` is needed"):
         read_log(tmp_path / "a.csv")
     words, _ = guessed(tmp_path, "t,q1,cmd1,q2\n0,0.1,0.1,0.2\n0.1,0.2,0.1,0.3\n")
-    assert "missing: `ctrl.joint2`, beside `qpos.joint2`" in words
+    assert "missing: `ctrl.joint2` for `qpos.joint2`" in words
 
 
 def test_a_unit_that_no_name_tells_is_asked(tmp_path: Path) -> None:
@@ -299,5 +299,5 @@ def test_a_format_of_one_s_own_is_read(tmp_path: Path) -> None:
 def test_arrays_without_a_mapping_are_refused(tmp_path: Path) -> None:
     """An HDF5 file says nothing of its columns; the sentence says what to write."""
     (tmp_path / "run.h5").touch()
-    with pytest.raises(LogError, match=r"needs a columns.yaml beside it"):
+    with pytest.raises(LogError, match=r"needs a columns.yaml next to it"):
         read_log(tmp_path / "run.h5")

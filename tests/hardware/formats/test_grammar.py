@@ -1,9 +1,12 @@
 """Logs as anybody writes them, drawn from a grammar: each is read right, or refused in a sentence.
 
 A drawing chooses a motion and then how it is written: names, units, the clock's origin and unit,
-lost readings, what separates cells, how numbers are encoded. Where nothing was chosen that only a
-person can know, the log has to be read; whatever is refused names a row or a column, and a remedy.
+lost readings, the columns' rates, what separates cells, how numbers are encoded. Where nothing was
+chosen that only a person can know, the log has to be read; whatever is refused names a row or a
+column, and a remedy.
 """
+
+from __future__ import annotations
 
 import datetime
 import tempfile
@@ -22,6 +25,7 @@ from hardware.log import Log, read_log
 
 ROWS, STEP = 60, 0.02
 TIME = np.arange(ROWS) * STEP
+EARLY, LATE = 0.007, 0.01  # s into a step: a state, then the command
 ORIGIN = 1768472890  # s since 1970
 SECONDS, BYTES = 10.0, 2**30  # that a log may take
 UNITS = {"rad": 1.0, "deg": 180 / np.pi, "counts/4096": 4096 / (2 * np.pi)}
@@ -42,6 +46,8 @@ class Drawn(NamedTuple):
         lost: rows whose first position is missing.
         word: what stands there.
         hole: a row whose command is missing; None for none.
+        rates: every how many rows commands come, and positions; (1, 1): all in all rows.
+        apart: whether commands and positions have rows of their own.
     """
 
     joints: tuple[str, ...]
@@ -53,12 +59,32 @@ class Drawn(NamedTuple):
     lost: frozenset[int]
     word: str
     hole: int | None
+    rates: tuple[int, int]
+    apart: bool
+
+    def table(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the moments of the rows (T,) [s], and in which commands and positions come."""
+        row = np.arange(ROWS)
+        sent, read = (row % every == 0 for every in self.rates)
+        if not self.apart:
+            return TIME, sent, read
+        no = np.zeros(ROWS, bool)
+        time = np.ravel([TIME + EARLY, TIME + LATE], "F")  # first a state, then a command
+        return time, np.ravel([no, sent], "F"), np.ravel([read, no], "F")
+
+    def readings(self) -> np.ndarray:
+        """Return in which rows the first joint was read, (T,) bool."""
+        read = self.table()[2].copy()
+        read[list(self.lost)] = False
+        return read
 
 
 @st.composite
 def logs(draw: Any) -> Drawn:
     """Draw a way to write a log."""
-    mapped = draw(st.booleans())
+    mapped, apart = draw(st.booleans()), draw(st.booleans())
+    rates = draw(st.one_of(st.just((1, 1)), st.tuples(st.integers(1, 5), st.integers(1, 5))))
+    whole = rates == (1, 1) and not apart  # else a missing command is one that is held
     return Drawn(
         tuple(draw(st.lists(st.sampled_from("abcdef"), min_size=1, max_size=3, unique=True))),
         draw(st.sampled_from(CLOCKS)),
@@ -68,22 +94,24 @@ def logs(draw: Any) -> Drawn:
         draw(st.sampled_from(",;\t")),
         draw(st.frozensets(st.integers(0, ROWS - 1), max_size=ROWS // 3)),
         draw(st.sampled_from(("", "nan", "null", "NA"))),
-        draw(st.one_of(st.none(), st.integers(0, ROWS - 1))),
+        draw(st.one_of(st.none(), st.integers(0, ROWS - 1))) if whole else None,
+        rates,
+        apart,
     )
 
 
-def motions(joint: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return commands and positions of a joint, (ROWS,) [rad]."""
+def motions(joint: str, time: np.ndarray = TIME) -> tuple[np.ndarray, np.ndarray]:
+    """Return commands and positions of a joint at some moments, (T,) [rad]."""
     phase = ord(joint)
-    return np.sin(3 * TIME + phase), 0.9 * np.sin(3 * TIME + phase - 0.1)
+    return np.sin(3 * time + phase), 0.9 * np.sin(3 * time + phase - 0.1)
 
 
-def clock(kind: str) -> dict[str, list[Any]]:
+def clock(kind: str, time: np.ndarray = TIME) -> dict[str, list[Any]]:
     """Return the columns that tell the time."""
-    whole = TIME + ORIGIN
+    whole = time + ORIGIN
     match kind:
         case "s":
-            return {"time": TIME.tolist()}
+            return {"time": time.tolist()}
         case "unix":
             return {"time": [f"{t:.6f}" for t in whole]}
         case "ms" | "us" | "ns":
@@ -91,25 +119,30 @@ def clock(kind: str) -> dict[str, list[Any]]:
             return {"time": [round(t * 10**3) * 10 ** (power - 3) for t in whole.tolist()]}
         case "iso":
             start = datetime.datetime.fromtimestamp(ORIGIN, datetime.UTC)
-            return {"time": [(start + datetime.timedelta(seconds=t)).isoformat() for t in TIME]}
-    nanos = [round(1e9 * float(t)) for t in TIME]
-    return {"sec": [ORIGIN + n // 10**9 for n in nanos], "nanosec": [n % 10**9 for n in nanos]}
+            return {"time": [(start + datetime.timedelta(seconds=t)).isoformat() for t in time]}
+    nanos = [round(1e9 * float(t)) for t in time]
+    return {
+        "sec": [ORIGIN + n // 10**9 for n in nanos],
+        "nanosec": [n % 10**9 for n in nanos],
+    }
 
 
 def write(drawn: Drawn, folder: Path) -> Path:
     """Write a log, and its columns.yaml where it needs one."""
-    columns: dict[str, list[Any]] = {"episode": [0] * ROWS, **clock(drawn.clock)}
+    time, sent, read = drawn.table()
+    columns: dict[str, list[Any]] = {"episode": [0] * len(time), **clock(drawn.clock, time)}
+    columns["sensor.moment"] = time.tolist()
     factor = UNITS[drawn.unit]
     for number, joint in enumerate(drawn.joints):
-        command, position = (factor * part for part in motions(joint))
+        command, position = (factor * part for part in motions(joint, time))
         if drawn.unit.startswith("counts"):
             command, position = np.round(command), np.round(position)
-        columns[f"ctrl.{joint}"], columns[f"qpos.{joint}"] = command.tolist(), position.tolist()
-        if number == 0:
-            for row in drawn.lost:
-                columns[f"qpos.{joint}"][row] = drawn.word
-            if drawn.hole is not None:
-                columns[f"ctrl.{joint}"][drawn.hole] = drawn.word
+        first = number == 0
+        for kind, values, there in (
+            ("ctrl", command, sent & (np.arange(len(time)) != drawn.hole) if first else sent),
+            ("qpos", position, drawn.readings() if first else read),
+        ):
+            columns[f"{kind}.{joint}"] = np.where(there, values.astype(object), drawn.word).tolist()
     names = list(columns)
     heads = [names]
     if drawn.mapped:
@@ -132,18 +165,22 @@ def write(drawn: Drawn, folder: Path) -> Path:
 
 def check(drawn: Drawn, log: Log) -> None:
     """Hold a log that was read against the motion that was written."""
-    assert np.allclose(log.time, TIME, atol=1e-6)
-    count = 2 * np.pi / 4096 if drawn.unit.startswith("counts") else 1e-9
+    time, sent, _ = drawn.table()
+    moment = log.column("sensor.moment")
+    assert np.allclose(log.time - log.time[0], moment - moment[0], atol=1e-6)
+    assert set(time[sent & (time >= moment[0])].round(6)) <= set(moment.round(6))
+    count = 2 * np.pi / 4096 if drawn.unit.startswith("counts") else 1e-5  # of stamps in µs
     for joint in drawn.joints:
-        command, position = motions(joint)
-        kept = np.ones(ROWS, bool)
-        if joint == drawn.joints[0]:
-            kept[list(drawn.lost)] = False
-        assert np.allclose(log.column(f"ctrl.{joint}"), command, atol=count)
-        assert np.allclose(log.column(f"qpos.{joint}")[kept], position[kept], atol=count)
+        latest = time[sent][np.searchsorted(time[sent], moment + 1e-6) - 1]
+        assert np.allclose(log.column(f"ctrl.{joint}"), motions(joint, latest)[0], atol=count)
+        stamp = moment + log.columns.get(f"stamp.{joint}", log.time) - log.time
+        position = motions(joint, stamp)[1]
+        assert np.allclose(log.column(f"qpos.{joint}")[log.fresh], position[log.fresh], atol=count)
         assert np.isfinite(log.column(f"qpos.{joint}")).all()
-    fresh = log.columns.get("flag.fresh", np.ones(ROWS))
-    assert set(np.flatnonzero(fresh == 0)) == set(drawn.lost)
+    stamp = moment + log.columns.get(f"stamp.{drawn.joints[0]}", log.time) - log.time
+    stamps, there = set(stamp[log.fresh].round(4)), time[drawn.readings()].round(4)
+    assert len(stamps) == log.fresh.sum()  # each reading in one row
+    assert set(there[there >= moment[0].round(4)]) <= stamps <= set(there)
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -211,7 +211,7 @@ def test_what_an_imu_cannot_be():
 
     with pytest.raises(RobotError, match=r"unknown part 'bno085-rv' \(did you mean 'bno085-rvc'"):
         made(model="bno085-rv")
-    with pytest.raises(RobotError, match="is no unit quaternion"):
+    with pytest.raises(RobotError, match="is not a unit quaternion"):
         made(mount=[1, 1, 0, 0])
     with pytest.raises(RobotError, match="is not 4 numbers"):
         made(mount=[1, 0, 0])

@@ -44,7 +44,12 @@ def test_what_is_not_there_is_refused_first(
 def test_what_is_there_and_what_a_verb_does_not_use_passes(tmp_path: Path) -> None:
     """A home folder's `~` is read, and no path at all is fine where none is needed."""
     (tmp_path / "swing.csv").touch()
-    for typed in (["run=replay", f"log={tmp_path}/swing.csv"], ["+experiment=smoke"]):
+    for typed in (
+        ["run=replay", f"log={tmp_path}/swing.csv"],
+        ["+experiment=smoke"],
+        ["run=record", "leader=so101_leader"],  # the name of a robot
+        ["run=contract", f"log={tmp_path}/swing.csv", "observation=legged_gym"],
+    ):
         tree = compose(typed)
         check_paths_exist(tree, used_keys(tree))
 

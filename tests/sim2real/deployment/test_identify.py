@@ -93,6 +93,6 @@ def test_an_export_says_which_parameters_it_needs(run: Path, tmp_path: Path) -> 
         policy(np.zeros(6))
     trained = load_policy(run)
     raw = np.array([[0.3, -1.0, 0.2, 0.1, 0.0, 0.0]])
-    said = trained.told.normalize(np.array([0.02, 0.1]), 1.0)  # type: ignore[union-attr]
+    said = trained.context.normalize(np.array([0.02, 0.1]), 1.0)  # type: ignore[union-attr]
     wanted = trained.controller(said=said)(raw)
     np.testing.assert_allclose(policy(np.hstack([raw, [[0.02, 0.1]]])), wanted, atol=1e-5)

@@ -15,12 +15,12 @@ TONES = (0.4, 0.7, 1.1)  # Hz
 COUNT = 2 * np.pi / 4096  # rad, or the same number of m
 
 
-def own_log(path: Path, size: float, seconds: float = 6.0, seed: int = 0) -> Log:
-    """Return what a model does under waves about its keyframe's commands.
+def own_log(path: Path, size: float | np.ndarray, seconds: float = 6.0, seed: int = 0) -> Log:
+    """Return what a model does under waves about its keyframe's commands, within their ranges.
 
     Args:
-        path: an MJCF or URDF; its actuators act on hinges or slides.
-        size: amplitude of the commands, in the actuators' units.
+        path: an MJCF or URDF; its hinges and slides are logged.
+        size: amplitude of the commands, in the actuators' units; one, or that of each, (nu,).
         seconds: length of the log.
         seed: of the waves' phases.
     """
@@ -32,7 +32,8 @@ def own_log(path: Path, size: float, seconds: float = 6.0, seed: int = 0) -> Log
     time = np.arange(round(seconds * RATE)) * every * model.opt.timestep
     phases = rng.uniform(-np.pi, np.pi, (model.nu, len(TONES)))
     waves = np.sin(2 * np.pi * time[:, None, None] * TONES + phases).mean(axis=2)
-    ctrl = data.ctrl + size * (waves - waves[0])
+    middle = np.where(model.actuator_ctrllimited, _inside(model, size, data.ctrl), data.ctrl)
+    ctrl = middle + size * (waves - waves[0])
     joints = [j for j in range(model.njnt) if model.jnt_type[j] in (2, 3)]  # slide, hinge
     seen = np.zeros((len(time), len(joints)))
     for row in range(len(time)):
@@ -45,3 +46,10 @@ def own_log(path: Path, size: float, seconds: float = 6.0, seed: int = 0) -> Log
     seen = np.round(seen / COUNT) * COUNT
     columns |= {f"qpos.{model.joint(j).name}": seen[:, k] for k, j in enumerate(joints)}
     return Log(columns)
+
+
+def _inside(model: mujoco.MjModel, size: float | np.ndarray, ctrl: np.ndarray) -> np.ndarray:
+    """Return commands (nu,) so far from the ends of their ranges that waves stay inside."""
+    low, high = model.actuator_ctrlrange.T
+    room = np.minimum(2 * size, (high - low) / 2)  # waves go from -2 to 2 of their first value
+    return np.clip(ctrl, low + room, high - room)

@@ -132,7 +132,7 @@ def test_mistakes_are_sentences(tmp_path: Path) -> None:
     with pytest.raises(TransferError, match="at least one robot"):
         Transfer({}, episodes=4)
     (tmp_path / "transfer-1.json").write_text('{"runs": [{"name"')
-    with pytest.raises(TransferError, match="no whole file of scores"):
+    with pytest.raises(TransferError, match="is incomplete or damaged"):
         read(tmp_path / "transfer-1.json")
 
 

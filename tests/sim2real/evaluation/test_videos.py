@@ -224,7 +224,7 @@ def test_a_small_task_has_no_film(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     """What is no MuJoCo model is refused by name."""
     monkeypatch.setattr(video, "library", lambda: "egl")
     algorithm = learner(partial(ToyEnv, Nav2D), NavGoals(), NoAdaptation())
-    with pytest.raises(RenderError, match="Nav2D is no MuJoCo task"):
+    with pytest.raises(RenderError, match="Nav2D is not a MuJoCo task"):
         Video(64, 64, 25, 1.0).record(algorithm, 0, tmp_path)
 
 

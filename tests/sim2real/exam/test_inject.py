@@ -11,7 +11,7 @@ import pytest
 from envs.effects import load_effects
 from hardware.log import Log, read_log
 from sim2real.exam.cases import KEY
-from sim2real.exam.inject import BASES, RealExam, inject, shortened, told
+from sim2real.exam.inject import BASES, RealExam, inject, keep_joints, shortened
 from sim2real.runs.errors import Sim2RealError
 
 DATA = os.environ.get("SIM2REAL_DATA")
@@ -74,7 +74,7 @@ def test_joints_that_are_not_compared_are_fixed(tmp_path: Path) -> None:
     """Neither the model nor the log has them."""
     path = Path("envs/assets/arm6.xml")
     joints = ["base", "shoulder"]
-    assert told(path, joints).compile().nu == 2
+    assert keep_joints(path, joints).compile().nu == 2
     columns = {f"{k}.{j}": TIME for k in ("ctrl", "qpos") for j in (*joints, "gripper")}
     log = shortened(Log({"episode": 0 * TIME, "time": 100 * TIME, **columns}), joints)
     assert log.joints == joints

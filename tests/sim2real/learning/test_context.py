@@ -111,9 +111,9 @@ def test_told_the_truth_a_robot_s_policy_is_the_oracle(trained: TrainedPolicy) -
     now = env.reset(values=ROBOTS, seeds=SEEDS)
     with torch.no_grad():
         wanted = trained.actor(trained.theta)(now)["action"].numpy()
-    assert trained.told is not None
+    assert trained.context is not None
     raw = now["observation"][:, :11].numpy()
-    said = trained.told.normalize(ROBOTS, 1.0)
+    said = trained.context.normalize(ROBOTS, 1.0)
     np.testing.assert_allclose(trained.controller(num_rows=4, said=said)(raw), wanted, atol=1e-5)
     middle = trained.controller(num_rows=4)(raw)
     np.testing.assert_allclose(
@@ -132,13 +132,13 @@ def test_the_program_takes_parameters_in_their_units(words: list[str]) -> None:
     trained = made.trained()
     env = trained.make_env(4, threads=1)
     now = env.reset(values=ROBOTS[:3].repeat(2, 0)[:4], seeds=SEEDS)
-    robots = np.stack([now["params", name].numpy() for name in trained.told.names], -1)  # type: ignore[union-attr]
+    robots = np.stack([now["params", name].numpy() for name in trained.context.names], -1)  # type: ignore[union-attr]
     shown: Any = env.base_env._last
     raw = np.hstack([shown, robots])
     assert trained.program is not None
     with torch.no_grad():
         said = trained.program(trained.theta)(torch.from_numpy(raw)).numpy()
-    pilot = trained.controller(num_rows=4, said=trained.told.normalize(robots, 1.0))  # type: ignore[union-attr]
+    pilot = trained.controller(num_rows=4, said=trained.context.normalize(robots, 1.0))  # type: ignore[union-attr]
     np.testing.assert_allclose(said, pilot(shown), atol=1e-4)
 
 

@@ -113,7 +113,7 @@ def test_what_cannot_be_told_or_asked_is_refused() -> None:
         _ = session.best
     drive(session, lambda d: 1.0)  # all the same: no error
     assert session.best in (0, 1)
-    with pytest.raises(Sim2RealError, match="nobody asked for"):
+    with pytest.raises(Sim2RealError, match="before it was asked for"):
         session.tell(1.0)
     wrongs: list[dict[str, Any]] = [{"first": 1}, {"first": 9, "rounds": 8}]
     wrongs += [{"narrowest": 0.4}, {"narrowest": 0.0}]

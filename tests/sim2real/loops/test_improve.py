@@ -68,12 +68,12 @@ def test_a_distance_is_asked_for_until_it_is_a_number() -> None:
 
     assert Operator(ask).distance("episode 1 of 2") == 0.85
     assert asked[0] == "How far did it go in episode 1 of 2 [m, backwards is negative]? "
-    assert asked[1].startswith("'far' is no number of metres")
+    assert asked[1].startswith("'far' is not a number of metres")
 
     def gone(question: str) -> str:
         raise EOFError
 
-    with pytest.raises(Sim2RealError, match="nobody is there to enter how far it went"):
+    with pytest.raises(Sim2RealError, match="there is no terminal to enter how far it went"):
         Operator(gone).distance("episode 1 of 2")
 
 

@@ -165,7 +165,7 @@ def test_a_state_that_does_not_fit_is_refused(run, tmp_path):
     with pytest.raises(Sim2RealError, match="was of another policy"):
         go(other, tmp_path / "b", f"resume={tmp_path / 'a'}")
     (tmp_path / "a" / "state.npz").write_bytes(b"PK")
-    with pytest.raises(Sim2RealError, match="no whole state of a deployment"):
+    with pytest.raises(Sim2RealError, match="this is incomplete or damaged"):
         go(run, tmp_path / "b", f"resume={tmp_path / 'a'}")
 
 
@@ -246,7 +246,10 @@ def test_what_cannot_be_is_refused_before_torque(run, tmp_path):
 
 def test_a_policy_for_no_servo_robot_is_refused(run, tmp_path):
     """A Hopper of Gymnasium has no servos, a toy has not even a task."""
-    for env, message in (("hopper", "Hopper is no task of a servo robot"), ("nav2d", "no robot's")):
+    for env, message in (
+        ("hopper", "Hopper is not a task of a servo robot"),
+        ("nav2d", "does not simulate a robot"),
+    ):
         with pytest.raises(Sim2RealError, match=message):
             go(run, tmp_path, f"env={env}")
 

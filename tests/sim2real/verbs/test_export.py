@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 import torch
@@ -156,7 +157,7 @@ def test_damage_is_found(folders, tmp_path):
         ExportedPolicy.load(edited(folder, tmp_path, golden=golden))
     with pytest.raises(PolicyError, match="schema 2, not 1"):
         ExportedPolicy.load(edited(folder, tmp_path, schema=2))
-    with pytest.raises(PolicyError, match="are no policy"):
+    with pytest.raises(PolicyError, match="are not a policy"):
         ExportedPolicy.load(edited(folder, tmp_path, squash="sigmoid"))
     with pytest.raises(PolicyError, match=r"lacks 'weight_"):
         ExportedPolicy.load(edited(folder, tmp_path, layers=9))
@@ -187,7 +188,7 @@ class Odd(nn.Module):
 )
 def test_a_network_that_numpy_cannot_have_is_refused(layers):
     """Other nonlinearities, mixed ones, a last one, and none at all."""
-    with pytest.raises(ExportError, match="is no perceptron with one nonlinearity"):
+    with pytest.raises(ExportError, match="is not a perceptron with one nonlinearity"):
         to_arrays(Odd(*layers), Bench1())
 
 
@@ -235,4 +236,55 @@ def test_a_checkpoint_is_needed(tmp_path):
     """Without one there is nothing to export."""
     verb, arguments = instantiate(compose(["run=export", "env=bench1"]), tmp_path)
     with pytest.raises(Sim2RealError, match="one trained policy is needed, none was given"):
+        verb(**arguments)
+
+
+def exported(out: Path, entries: str, *overrides: str) -> Path:
+    """Export effects that were found on bench1."""
+    out.mkdir()
+    (out / "effects.yaml").write_text(entries)
+    given = [f"effects={out / 'effects.yaml'}", f"model={ROOT / 'envs/assets/bench1.xml'}"]
+    verb, arguments = instantiate(compose(["run=export", *given, *overrides]), out / "out")
+    return verb(**arguments)
+
+
+FOUND = """
+- {effect: coulomb_friction, where: hinge, value: 0.03}
+- {effect: position_gain, where: hinge, value: 0.8}
+"""
+
+
+def test_effects_become_mjcf(tmp_path):
+    """The file has the values; a play becomes a joint."""
+    folder = exported(
+        tmp_path / "a", FOUND + "- {effect: backlash, where: hinge, value: 0.05}", "to=mjcf"
+    )
+    model = mujoco.MjModel.from_xml_path(str(folder / "model.xml"))
+    nominal = mujoco.MjModel.from_xml_path(str(ROOT / "envs/assets/bench1.xml"))
+    assert model.joint("hinge").frictionloss[0] == pytest.approx(0.03, abs=1e-6)
+    assert model.actuator_gainprm[0, 0] == pytest.approx(0.8 * nominal.actuator_gainprm[0, 0])
+    assert model.njnt == nominal.njnt + 1
+
+
+def test_effects_become_terms_of_mjlab(tmp_path):
+    """The module names the model and is Python."""
+    text = (exported(tmp_path / "a", FOUND, "to=mjlab") / "events.py").read_text()
+    compile(text, "events.py", "exec")
+    assert "found on bench1.xml" in text and "func=dr.joint_friction" in text
+
+
+@pytest.mark.parametrize(("to", "name"), [("mjcf", "stribeck_friction"), ("mjlab", "backlash")])
+def test_what_the_target_cannot_say_is_refused_before_anything_is_written(tmp_path, to, name):
+    """The effect is named, and the others are not written without it."""
+    entry = f"- {{effect: {name}, where: hinge, value: 0.02}}"
+    with pytest.raises(Sim2RealError, match=rf"to={to} cannot say {name}\.hinge \("):
+        exported(tmp_path / "a", FOUND + entry, f"to={to}")
+    assert not list((tmp_path / "a").rglob("*.xml")) + list((tmp_path / "a").rglob("*.py"))
+
+
+@pytest.mark.parametrize("given", [["to=mjcf"], ["effects=e.yaml", "to=mjcf"], ["effects=e.yaml"]])
+def test_effects_need_their_model_and_a_target(tmp_path, given):
+    """One sentence says what is missing."""
+    verb, arguments = instantiate(compose(["run=export", *given]), tmp_path)
+    with pytest.raises(Sim2RealError, match="effects with the model that they were found on"):
         verb(**arguments)

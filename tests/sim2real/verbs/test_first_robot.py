@@ -24,7 +24,7 @@ from tests.hardware.test_wizard import Desk as VirtualDesk
 from tests.sim2real.trained import run_verb
 
 ROOT = Path(__file__).resolve().parents[3]
-PAGE = ROOT / "docs" / "first_robot.md"
+PAGE = ROOT / "docs" / "how-to" / "first_robot.md"
 FORM = ROOT / ".github" / "ISSUE_TEMPLATE" / "first_robot.yml"
 ATTEMPTS = 5  # of what needs real time, on a busy machine
 
@@ -126,7 +126,7 @@ def test_the_page_and_the_form_go_together() -> None:
     asked = {item["id"] for item in form["body"] if "id" in item}
     assert asked == {"robot", "power", "version", "steps", "torque", "moved", "cause", "files"}
     assert form["name"] in text
-    for page in ("README.md", "docs/index.md", "docs/hardware.md"):
+    for page in ("README.md", "docs/index.md", "docs/how-to/set_up_servos.md"):
         head = (ROOT / page).read_text()[:1500]
         assert "No real robot has run" in head and "first_robot.md" in head
 

@@ -185,7 +185,7 @@ def test_reports_that_are_none_are_refused(tmp_path: Path, log: Path) -> None:
     with pytest.raises(Sim2RealError, match="schema"):
         go(tmp_path / "out", log, candidates=str(tmp_path), params=NONE)
     (tmp_path / "report.json").write_text("no")
-    with pytest.raises(Sim2RealError, match=r"is no report\.json"):
+    with pytest.raises(Sim2RealError, match=r"is not a report\.json"):
         go(tmp_path / "out", log, candidates=str(tmp_path), params=NONE)
     report(tmp_path)
     with pytest.raises(Sim2RealError, match="there is no cause"):

@@ -46,9 +46,9 @@ const rowAt = (time) => { // the last row not after it
 const posture = (row, line) => { // null where a joint is not compared then
   const values = {};
   for (const joint of view.recording.joints) {
-    const measured = joint.measured[row], told = line ? line(joint)?.[row] : measured;
-    if (told === null || told === undefined) return null;
-    values[joint.name] = line ? measured + motion.grow * (told - measured) : measured;
+    const measured = joint.measured[row], angle = line ? line(joint)?.[row] : measured;
+    if (angle === null || angle === undefined) return null;
+    values[joint.name] = line ? measured + motion.grow * (angle - measured) : measured;
   }
   return values;
 };

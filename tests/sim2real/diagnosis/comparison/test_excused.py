@@ -35,7 +35,7 @@ def excused(model: str, rounds: int) -> tuple[Pieces, Excused, Prepared]:
     made = prepare(logs, model, [], WATCH, settings)
 
     def contrast(error: np.ndarray) -> Pieces:
-        own = (made.beside, made.response, error, made.windows, made.motions, BEFORE, AFTER)
+        own = (made.partner, made.response, error, made.windows, made.motions, BEFORE, AFTER)
         return contrasts(made.data, *own)
 
     first = contrast(made.error)

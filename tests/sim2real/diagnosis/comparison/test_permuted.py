@@ -92,7 +92,7 @@ def test_what_is_known_of_the_others_tells_two_apart() -> None:
     known = permuted.of([0, 1], [2, 4], 0.05, little)
     assert known.fall[0] > known.fall[1] + 6
     assert known.value[0] == pytest.approx(1.5, rel=0.2)
-    assert known.told[0] > alike.told[0]
+    assert known.own_share[0] > alike.own_share[0]
     assert known.p == pytest.approx(alike.p)  # whether anything changed is asked without it
 
 

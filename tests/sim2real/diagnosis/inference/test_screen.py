@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sim2real.diagnosis.inference.fit import Start
+from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.judge import Judge
 from sim2real.diagnosis.inference.moves import restart
 from sim2real.diagnosis.inference.screen import (
@@ -70,10 +72,14 @@ def test_pairs_promise_no_less_than_their_best_member(traced: tuple[Judge, list[
 def test_friction_of_another_law_is_most_alike(traced: tuple[Judge, list[Line]]) -> None:
     """A change is not alike to itself; what moves another joint is least so."""
     judge, lines = traced
-    (base,) = judge.glance.fit([restart(judge.given)], rounds=0)
-    (member,) = (line.member for line in lines if line.member.label == "coulomb_friction.b")
-    alike = [one.member.label for one in pick_alike(judge.glance, base, lines, member, 5)]
-    assert alike[0] == "viscous_friction.b"
+    line = next(one for one in lines if one.member.label == "coulomb_friction.b")
+    hypothesis = Hypothesis((line.member,))
+    best, rest = judge.glance.fit(
+        [Start(hypothesis, np.array([[0.12]])), restart(judge.given)], rounds=0
+    )
+    alike = [one.hypothesis.label for one in pick_alike(judge.glance, best, rest, lines, 5)]
+    assert "viscous_friction.b" in alike[:2]
+    assert all(label.endswith(".b") for label in alike[:2])
     assert "coulomb_friction.b" not in alike
 
 

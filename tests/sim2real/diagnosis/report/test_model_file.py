@@ -72,6 +72,15 @@ def test_several_effects_compose(tmp_path: Path) -> None:
     np.testing.assert_allclose(alone, moved(spec, effects), atol=5e-5)
 
 
+@pytest.mark.parametrize("name", ["backlash", "joint_compliance"])
+def test_a_joint_without_play_stays_one_joint(name: str) -> None:
+    """A play or spring of size 0, damped or not, adds nothing to the file."""
+    spec = mujoco.MjSpec.from_file(str(ASSETS / "bench1.xml"))
+    free = ("damping",) if name == "joint_compliance" else ()
+    changed = model_file.apply(spec, [(make(name, free=free), (0.0, 0.1)[: 1 + len(free)])])
+    assert changed.to_xml() == spec.copy().to_xml()
+
+
 @pytest.mark.parametrize(("name", "value"), [("backlash", 0.04), ("joint_compliance", 0.02)])
 def test_a_loaded_joint_starts_where_its_load_leaves_it(
     name: str, value: float, tmp_path: Path

@@ -76,7 +76,7 @@ def test_a_load_makes_it_sag(walk: Walk, emulated: Log) -> None:
     assert servo is not None and servo.strength == 0.6
     icy = hide(walk, {"effect": "ground_friction", "where": None, "value": 0.2})
     assert (icy.friction, walk.friction) == (0.2, 0.8)
-    with pytest.raises(Sim2RealError, match="'contact_stiffness' is no effect"):
+    with pytest.raises(Sim2RealError, match="'contact_stiffness' is not an effect"):
         hide(walk, {"effect": "contact_stiffness", "where": None, "value": 2.0})
 
 

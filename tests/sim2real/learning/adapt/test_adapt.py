@@ -65,7 +65,7 @@ def test_spends_the_stated_episodes(name: str) -> None:
     session = operator.start(np.zeros(6, np.float32), np.random.default_rng(0))
     for _ in asked:
         session.tell(0.0)
-    with pytest.raises(ValueError, match="have been told"):
+    with pytest.raises(ValueError, match="have been reported"):
         session.tell(0.0)
 
 

@@ -134,7 +134,7 @@ def test_what_cannot_be_is_refused_in_a_sentence() -> None:
         one.tell(float("nan"), episodes()[0])
     for steps in episodes():
         one.tell(0.0, steps)
-    with pytest.raises(Sim2RealError, match="all 3 episodes have been told"):
+    with pytest.raises(Sim2RealError, match="all 3 episodes have been reported"):
         one.tell(0.0, episodes()[0])
     with pytest.raises(Sim2RealError, match="use adapt=gradient"):
         ADAPT.start_batch(theta[None], np.zeros((1, 0, len(theta))))

@@ -260,7 +260,7 @@ def test_what_cannot_be_is_refused_in_a_sentence() -> None:
         one.tell(1.0, episodes()[0]._replace(end=np.full(4, np.nan)))
     for steps in episodes():
         one.tell(0.0, steps)
-    with pytest.raises(Sim2RealError, match="all 3 episodes have been told"):
+    with pytest.raises(Sim2RealError, match="all 3 episodes have been reported"):
         one.tell(0.0, episodes()[0])
     with pytest.raises(Sim2RealError, match=r"bind_policy\(actor, critic\)"):
         ADAPT.start(theta, np.random.default_rng(0))
@@ -275,5 +275,5 @@ def test_what_cannot_be_is_refused_in_a_sentence() -> None:
     with pytest.raises(Sim2RealError, match=r"algorithm\.critic=true"):
         operator.start_batch(theta[None], np.zeros((1, 0, len(theta))))
     cohort = operator.start_batch(parameters(policy()).numpy()[None], np.zeros((1, 0, 1)))
-    with pytest.raises(Sim2RealError, match="told returns alone"):
+    with pytest.raises(Sim2RealError, match="received returns alone"):
         cohort.tell(np.array([0]), np.array([0]), np.array([1.0]))

@@ -42,7 +42,7 @@ def test_the_student_learns_which_robot_it_is(made: tuple[TrainedPolicy, Compone
     """Its guesses come nearer to the truth than the middle of the ranges does."""
     one = learner(made)
     losses = [one.iterate()["train/loss"] for _ in range(16)]
-    trained, told = one.trained(), made[0].told
+    trained, told = one.trained(), made[0].context
     assert told is not None
     robots = np.array([[1.5, 1.6], [8.5, 2.4], [2.5, 2.4], [7.5, 1.6]])
     env = trained.make_env(4, threads=1)
@@ -105,7 +105,7 @@ def test_a_resumed_training_is_the_same(made: tuple[TrainedPolicy, Components]) 
 
 def test_a_teacher_that_is_told_nothing_is_refused() -> None:
     """There is nothing to guess then; and a student has a step to see."""
-    with pytest.raises(Sim2RealError, match="told no parameters"):
+    with pytest.raises(Sim2RealError, match="receives no parameters"):
         learner(teacher())
     told = teacher("transforms=with_params")
     with pytest.raises(Sim2RealError, match="history=0"):

@@ -95,5 +95,5 @@ def test_what_it_has_not_is_refused() -> None:
     for sentence, change in wrong.items():
         with pytest.raises(Sim2RealError, match=sentence):
             FastReplayBuffer(**(good | change))
-    with pytest.raises(Sim2RealError, match="0 samples are no minibatch of 4"):
+    with pytest.raises(Sim2RealError, match="0 samples are fewer than a minibatch of 4"):
         list(FastReplayBuffer(**good))

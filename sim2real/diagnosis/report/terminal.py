@@ -1,0 +1,104 @@
+"""The verdict for a terminal: a sentence, the gap, and a table of the values that were found.
+
+sys.stdout.write(format_verdict(report, coloured=True))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from sim2real.diagnosis.report.text import (
+    SUBTITLES,
+    effect_display_name,
+    interval,
+    percent,
+    place_of,
+    quantity,
+    verdict_sentence,
+)
+from sim2real.diagnosis.schema import Cause, Report
+
+BOLD, RESET = "\033[1m", "\033[0m"
+GREEN, YELLOW, RED = "\033[32m", "\033[33m", "\033[31m"
+COLOURS = {
+    "no_gap": GREEN,
+    "explained": GREEN,
+    "partly_explained": YELLOW,
+    "fitted": YELLOW,
+    "unexplained": RED,
+}
+HEAD = ("effect", "at", "value", "90 % interval", "confidence", "closes")
+GUTTER = 2  # spaces between columns
+INDENT = "  "
+
+
+def format_verdict(report: Report, coloured: bool = False) -> str:
+    """Return a report's verdict as lines of text, the last one ended.
+
+    Args:
+        report: a diagnosis.
+        coloured: whether ANSI escape sequences mark the verdict and the table's head.
+    """
+    verdict = SUBTITLES[report.verdict]
+    lines = [f"{_paint(verdict, BOLD + COLOURS[report.verdict], coloured)}. "]
+    lines[0] += verdict_sentence(report)
+    lines += ["", *_indented(align(list(_gap(report)), right=(1,)))]
+    if report.values:
+        head, *rows = align([HEAD, *_rows(report.values)], right=(2, 4, 5))
+        lines += ["", *_indented([_paint(head, BOLD, coloured), *rows])]
+    return "\n".join(lines) + "\n"
+
+
+def align(rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> list[str]:
+    """Return rows of cells as lines whose columns are aligned.
+
+    Args:
+        rows: at least one; all of one length.
+        right: the columns that are aligned at their right ends.
+    """
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        (" " * GUTTER)
+        .join(
+            cell.rjust(width) if n in right else cell.ljust(width)
+            for n, (cell, width) in enumerate(zip(row, widths, strict=True))
+        )
+        .rstrip()
+        for row in rows
+    ]
+
+
+def _gap(report: Report) -> Iterator[tuple[str, str]]:
+    gap = report.gap
+    yield "gap", quantity(gap.before, gap.unit)
+    if gap.after is not None and report.values:
+        named = "these values" if report.fitted else "the causes"
+        yield f"with {named}", quantity(gap.after, gap.unit, like=gap.before)
+    yield "noise floor", quantity(gap.noise_floor, gap.unit, like=gap.before)
+
+
+def _rows(causes: Sequence[Cause]) -> Iterator[tuple[str, ...]]:
+    for cause in causes:
+        effect, where = place_of(cause)
+        yield (
+            effect_display_name(effect) + (f" ({cause.side} side)" if cause.side else ""),
+            where or "the robot",
+            quantity(cause.value, cause.unit),
+            interval(cause.value_ci, cause.unit, like=cause.value),
+            percent(cause.confidence),
+            percent(cause.closed),
+        )
+        for other in cause.equivalent:
+            yield (
+                f"  or {effect_display_name(other.effect)}",
+                other.where or "the robot",
+                *4 * "–",
+            )
+
+
+def _indented(lines: Sequence[str]) -> list[str]:
+    return [INDENT + line for line in lines]
+
+
+def _paint(text: str, codes: str, coloured: bool) -> str:
+    return f"{codes}{text}{RESET}" if coloured else text

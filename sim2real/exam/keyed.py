@@ -1,0 +1,248 @@
+"""Logs of robots whose differences from a model others have published: are they named, alone.
+
+    SIM2REAL_DATA=/data python -m sim2real +experiment=real_robots
+
+The data is public and not part of the project (docs/logs.md names the sources). What a model
+withholds is known, its true size only as well as who published it could fit it. Rules:
+
+* Every `Wanted` cause has to be named, or an equivalent of a cause has to be it; one with `at` has
+  to be named once for each of these moments, within `NEAR` s.
+* No other cause may be named, but where a case says so.
+* The verdict has to be one of the case's.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from hardware.log import read_log, write_log
+from sim2real.exam.answer import REPORT
+from sim2real.exam.cases import check_limits, write_task
+from sim2real.exam.hold import ANSWERS, opened
+from sim2real.exam.outline import KEY, Outline
+from sim2real.exam.score import wilson, words
+from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.files import write_text
+from sim2real.runs.tables import Table
+
+log_ = logging.getLogger(__name__)
+NEAR = 0.2  # s: how near to its moment a push has to be
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A cause that has to be named.
+
+    Args:
+        effect: names of which it has to have one.
+        where: places of which it has to have one; None is the robot.
+        at: moments at which it acts, as (episode, s); none: throughout.
+    """
+
+    effect: Sequence[str]
+    where: Sequence[str | None]
+    at: Sequence[tuple[int, float]] = ()
+
+    def counts_in(self, causes: Sequence[Mapping[str, Any]]) -> bool:
+        """Return whether it is named."""
+        own = [cause for cause in causes if self.is_named_by(cause)]
+        return all(any(_acts(cause, *moment) for cause in own) for moment in self.at) and bool(own)
+
+    def is_named_by(self, cause: Mapping[str, Any]) -> bool:
+        """Return whether a cause, or an equivalent of it, is this one."""
+        every = (cause, *cause["equivalent"])
+        return any(one["effect"] in self.effect and one["where"] in self.where for one in every)
+
+
+@dataclass(frozen=True)
+class Keyed:
+    """One log and a model of its robot.
+
+    Args:
+        log: the log's path in the folder of real logs.
+        model: the model's path there.
+        wanted: causes that have to be named.
+        verdicts: that are right.
+        exclude: effects that the diagnosis is not given.
+        more: whether other causes may be named as well.
+    """
+
+    log: str
+    model: str
+    wanted: Sequence[Wanted] = ()
+    verdicts: Sequence[str] = ("explained", "partly_explained")
+    exclude: Sequence[str] = ()
+    more: bool = False
+
+
+@dataclass(frozen=True)
+class KeyedMark:
+    """What became of one case.
+
+    Args:
+        case: its name.
+        answer: verdict and causes in words.
+        named: whether all that was wanted is named.
+        alone: whether nothing else is, or may be.
+        verdict: whether the verdict is right.
+        seconds: the duration of the diagnosis; None if it failed.
+    """
+
+    case: str
+    answer: str
+    named: bool
+    alone: bool
+    verdict: bool
+    seconds: float | None
+
+
+class KeyedExam:
+    """Every case once.
+
+    Args:
+        data: the folder of real logs, which the environment variable SIM2REAL_DATA names.
+        cases: arguments of each case by its name, see `read_case`.
+        longest: time after which a diagnosis counts as failed [s].
+        block: make and seal so many cases before the first of them is diagnosed.
+        most: diagnose at most so many cases now, and score what is answered; None goes to the end.
+
+    Raises:
+        Sim2RealError: a case with other arguments; from `draw`: no folder, or one without a log or
+            model.
+    """
+
+    def __init__(
+        self,
+        data: str | None,
+        cases: Mapping[str, Mapping[str, Any]],
+        longest: float,
+        block: int,
+        most: int | None = None,
+    ) -> None:
+        check_limits(longest, most, block)
+        self.data = Path(data or "")
+        self.cases = {name: read_case(name, entry) for name, entry in cases.items()}
+        self.longest, self.most, self.block = longest, most, block
+
+    def draw(self, seed: int) -> list[Outline]:
+        """Return the cases; nothing is drawn, so that any seed gives the same ones."""
+        for name, case in self.cases.items():
+            for part in (case.log, case.model):
+                if not self.data.parts or not (self.data / part).is_file():
+                    raise Sim2RealError(
+                        f"exam.data={self.data if self.data.parts else None} has no {part}, which "
+                        f"{name} needs; let the environment variable SIM2REAL_DATA name the folder "
+                        "of real logs (docs/logs.md names the public sources)"
+                    )
+        return [
+            Outline(name, "keyed", Path(case.log).parts[0], (), seed)
+            for name, case in self.cases.items()
+        ]
+
+    def make(self, outline: Outline, logs: Path, key: Path) -> bool:
+        """Write a case's two folders.
+
+        Args:
+            outline: the case.
+            logs: the folder that a diagnosis is given.
+            key: the folder that it is not.
+        """
+        case = self.cases[outline.name]
+        logs.mkdir(parents=True, exist_ok=True)
+        model = Path(shutil.copy(self.data / case.model, logs / "model.xml")).resolve()
+        log = read_log(self.data / case.log)
+        write_log(logs / "a.csv", replace(log, meta={**log.meta, "model": str(model)}))
+        write_task(logs, case.exclude)
+        write_text(key / KEY, json.dumps({"name": outline.name}) + "\n")
+        return True
+
+    def report(self, folder: Path, drawn: int, seed: int) -> list[KeyedMark]:
+        """Open the seals, mark every case that was answered, and write the tables.
+
+        Raises:
+            Sim2RealError: the keys are not the ones that were sealed, or no case was answered.
+        """
+
+        def marked(names: Sequence[str], cases: int) -> list[KeyedMark]:
+            marks = [mark(name, self.cases[name], _answer(folder, name)) for name in names]
+            _write(marks, folder, cases)
+            return marks
+
+        return opened(folder, drawn, marked)
+
+
+def read_case(name: str, entry: Mapping[str, Any]) -> Keyed:
+    """Return a case from its arguments; those of each `wanted` cause are a mapping as well.
+
+    Raises:
+        Sim2RealError: other arguments than those of `Keyed` and `Wanted`.
+    """
+    try:
+        wanted = [Wanted(**one) for one in entry.get("wanted", ())]
+        return Keyed(**{**entry, "wanted": wanted})
+    except TypeError as error:
+        raise Sim2RealError(
+            f"exam.cases.{name}: {error}; a case has {', '.join(Keyed.__dataclass_fields__)}, each "
+            f"cause of `wanted` has {', '.join(Wanted.__dataclass_fields__)}"
+        ) from None
+
+
+def mark(name: str, case: Keyed, report: Mapping[str, Any] | None) -> KeyedMark:
+    """Compare an answer with what was published.
+
+    Args:
+        name: the case's.
+        case: what is right.
+        report: report.json; None if the diagnosis failed.
+    """
+    if report is None:
+        return KeyedMark(name, "failed", False, False, False, None)
+    causes = report["causes"]
+    others = [c for c in causes if not any(one.is_named_by(c) for one in case.wanted)]
+    return KeyedMark(
+        name,
+        words(report),
+        all(one.counts_in(causes) for one in case.wanted),
+        case.more or not others,
+        report["verdict"] in case.verdicts,
+        report["seconds"],
+    )
+
+
+def _acts(cause: Mapping[str, Any], episode: int, moment: float) -> bool:
+    """Return whether a cause acts near a moment of an episode."""
+    if cause.get("seconds") is None or cause["extra"].get("episode") != episode:
+        return False
+    first, last = cause["seconds"]
+    return first - NEAR <= moment <= last + NEAR
+
+
+def _answer(folder: Path, name: str) -> Mapping[str, Any] | None:
+    file = folder / ANSWERS / name / REPORT
+    return json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None
+
+
+def _write(marks: Sequence[KeyedMark], folder: Path, cases: int) -> None:
+    """Write table.md and cases.csv."""
+    figures = Table(("figure", "cases", "value"))
+    for label, hits in (
+        ("all that is withheld is named", [one.named for one in marks]),
+        ("nothing else is", [one.alone for one in marks]),
+        ("verdict as expected", [one.verdict for one in marks]),
+    ):
+        figures.add(label, len(hits), wilson(hits))
+    answers = Table(tuple(KeyedMark.__dataclass_fields__))
+    for one in marks:
+        values = [getattr(one, name) for name in KeyedMark.__dataclass_fields__]
+        answers.add(*(int(v) if isinstance(v, bool) else v for v in values))
+    head = f"{len(marks)} of {cases} cases were answered."
+    text = f"# Robots with a published key\n\n{head}\n\n{figures.markdown()}\n{answers.markdown()}"
+    write_text(folder / "table.md", text)
+    write_text(folder / "cases.csv", answers.csv())
+    log_.info("%s", figures.markdown())
