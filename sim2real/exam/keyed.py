@@ -11,8 +11,6 @@ withholds is known, its true size only as well as who published it could fit it.
 * The verdict has to be one of the case's.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import shutil
