@@ -103,11 +103,7 @@ def test_the_monitor_waits_for_slow_answers(monkeypatch, capsys):
         (["monitor", "seconds=x"], 2, "seconds=x is not a number"),
         (["emulate", "hidden=/no/file.yaml"], 2, "/no/file.yaml: the effects cannot be read"),
         (["emulate", "link=/no/where/robot"], 2, "link=/no/where/robot: there is no folder /no/w"),
-        (
-            ["emulate", f"link={__file__}"],
-            2,
-            "test_main.py: this exists and is not a link to a device",
-        ),
+        (["emulate", f"link={__file__}"], 2, "test_main.py: this exists and is not a link"),
         (["setup"], 2, "port= is missing: setup takes robot=NAME, or port=, model= and file="),
         (["setup", "robot=bench1", "file=a.yaml"], 2, "setup makes file= only without robot="),
         (["write", "servo=hinge"], 2, "register= is missing"),

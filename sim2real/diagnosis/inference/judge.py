@@ -42,6 +42,7 @@ from sim2real.diagnosis.inference.replayer import Replayer
 from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, Gain, deal_folds
 from sim2real.diagnosis.inference.screen import (
     Line,
+    list_promising,
     pick_alike,
     pick_pairs,
     pick_starts,
@@ -141,7 +142,7 @@ class Judge:
             if not self._refine(best, starts, tried):
                 break
             before, best = best, self._choose(tried)
-            if best is before or self._explains(best):
+            if best is before or self._is_enough(best):
                 break
         return self._conclude(tried)
 
@@ -159,6 +160,10 @@ class Judge:
     def _explains(self, fit: Fit) -> bool:
         """Return whether a free discrepancy gains no more over a fit than the tolerance."""
         return self.left(fit).gain.high <= self.settings.equivalence_tolerance
+
+    def _is_enough(self, fit: Fit) -> bool:
+        """Return whether a fit explains the gap and shortens errors by what that takes."""
+        return self._explains(fit) and self._closes(fit) >= self.settings.most
 
     def left(self, fit: Fit) -> Left:
         """Return what a fit leaves."""
@@ -212,6 +217,9 @@ class Judge:
             Whether there is a gap, or any change promises what it has to win.
         """
         (base,) = self.glance.fit([restart(best)], rounds=0)
+        if best.hypothesis.members:
+            labels = list_promising(self.glance, base, self.lines, self.settings.promising)
+            starts = [start for start in starts if start.hypothesis.label in labels]
         lines = trace_lines(self.glance, base, starts)
         if not best.hypothesis.members:
             self.lines = lines
@@ -219,7 +227,7 @@ class Judge:
         if self._explains(best) and max((line.gain for line in lines), default=0.0) < least:
             return False
         self._fit(pick_starts(base, lines, self.settings.refits), tried)
-        if not best.hypothesis.members and not self._explains(self._choose(tried)):
+        if not best.hypothesis.members and not self._is_enough(self._choose(tried)):
             self._fit(pick_pairs(self.glance, base, lines, self.settings.refits), tried)
         return True
 

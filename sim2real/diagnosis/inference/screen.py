@@ -95,6 +95,27 @@ def pick_alike(
     return [start for _, start in order[:most]]
 
 
+def list_promising(fitter: Fitter, base: Fit, lines: Sequence[Line], most: int) -> list[str]:
+    """Return the labels of the changes that promise most by lines traced from another base.
+
+    What a change does is taken to be what it did there; this is a step of matching pursuit.
+
+    Args:
+        fitter: of the windows that are looked at.
+        base: what they would be combined with.
+        lines: of the changes.
+        most: how many are returned.
+    """
+    found = []
+    for first in range(0, len(lines), CHUNK):
+        some = lines[first : first + CHUNK]
+        slope, curve = _products(fitter, base, [line.change for line in some])
+        for line, along, square in zip(some, slope, np.diag(curve), strict=True):
+            scale = float(np.clip(-along / max(square, TINY), *_reach(line.member)))
+            found.append(line._replace(gain=-(along + square * scale / 2) * scale))
+    return [line.member.label for line in _pick(found, most)]
+
+
 def trace_lines(fitter: Fitter, base: Fit, starts: Sequence[Start]) -> list[Line]:
     """Return the lines of each change that can join the base, one through each probe."""
     own = [s for s in starts if are_compatible(base.hypothesis, s.hypothesis.members[0])]

@@ -72,6 +72,9 @@ class Inference:
         2, "1", "Gauss-Newton steps there of those that screen best; half of them go on", COST
     )
     refits: int = setting(12, "1", "proposals that are fitted, those that screen best", COST)
+    promising: int = setting(
+        40, "1", "changes that are simulated with a cause, those that screen best", COST
+    )
     alike: int = setting(4, "1", "changes that are fitted in the place of each member", COST)
     members_max: int = setting(
         4, "1", "members of a hypothesis", "derived: more are a fit and no explanation (schema)"
