@@ -13,9 +13,6 @@ mean. docs/explanation/evidence.md names the logs, which are not part of this pr
 and diagnoses have a folder; what is there is not repeated.
 """
 
-from __future__ import annotations
-
-import csv
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -25,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks import so101, xl330
+from benchmarks.cases import read_csv
 from benchmarks.study import command
 from envs import distribution_file
 from envs.distribution import Distribution
@@ -39,7 +37,7 @@ from sim2real.identification.providers.replay import replay
 from sim2real.identification.scores.aligned import KStep
 from sim2real.identification.searches import Cma
 from sim2real.runs.files import write_text
-from sim2real.runs.statistics import Interval, bootstrap
+from sim2real.runs.statistics import Interval, bootstrap, mean
 from sim2real.runs.tables import Table
 
 RESULTS = Path(__file__).parent / "results"
@@ -70,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("skipped: SIM2REAL_DATA names no such folder (docs/explanation/evidence.md)")
         return 0
     case = CASES[chosen.robot](chosen.data, chosen.out / chosen.robot)
-    rows = read(chosen.results / "bands.csv")
+    rows = read_csv(chosen.results / "bands.csv")
     rows = [row for row in rows if row["robot"] != chosen.robot]
     for row in judged(case, chosen.out / chosen.robot / "bands"):
         rows.append({"robot": chosen.robot, **row})
@@ -141,14 +139,6 @@ def _logs(made: AlignedProvider, logs: Sequence[int]) -> AlignedProvider:
     return made.subset(np.flatnonzero(np.isin(made.episode, list(logs))))
 
 
-def read(path: Path) -> list[dict[str, str]]:
-    """Return the rows that are there."""
-    if not path.exists():
-        return []
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
-
-
 def keep(rows: Sequence[dict[str, str]], results: Path) -> None:
     """Write bands.csv, a row for each log, and bands.md, a row for each robot."""
     logs = Table(FIELDS)
@@ -172,7 +162,7 @@ def keep(rows: Sequence[dict[str, str]], results: Path) -> None:
 def _mean(rows: Sequence[dict[str, str]], name: str) -> Interval:
     values = np.array([[float(row[name])] for row in rows])
     rng = np.random.default_rng(0)
-    return bootstrap(values, lambda x: x.mean(axis=(-2, -1)), rng, draws=DRAWS, resample="rows")
+    return bootstrap(values, mean, rng, draws=DRAWS, resample="rows")
 
 
 if __name__ == "__main__":

@@ -9,8 +9,6 @@ Runs the experiments `blindcheck` and, with SIM2REAL_DATA set, `blindcheck_real`
 own below `outputs/bench_long`, and copies tables and pictures into the results.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -34,15 +32,7 @@ def default_experiments() -> list[str]:
 def hold(
     experiment: str, out: Path, results: Path, processes: int = 1, most: int | None = None
 ) -> int:
-    """Run an exam in its folder, keep its tables, and return the exit status.
-
-    Args:
-        experiment: its name.
-        out: folder of the exams.
-        results: folder of what is kept.
-        processes: programs that share the cases.
-        most: cases that each of them diagnoses now; None for all.
-    """
+    """Run an exam in its folder, keep its tables, and return the exit status."""
     folder = (out / experiment).resolve()
     overrides = [f"+experiment={experiment}", f"hydra.run.dir={folder}", f"resume={folder}"]
     overrides += [] if most is None else [f"exam.most={most}"]

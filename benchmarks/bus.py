@@ -9,8 +9,6 @@ with its guard, which checks every reading, limits every command and asks one se
 The cost is processor time, the emulator's included; median of several rounds.
 """
 
-from __future__ import annotations
-
 import copy
 import sys
 import tempfile

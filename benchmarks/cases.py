@@ -8,8 +8,6 @@ A case is called seed-number. Its rows stand in one CSV file, which is written a
 that a study goes on where it was stopped, and several seeds share a file.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import logging
@@ -27,21 +25,20 @@ Row = dict[str, str]
 Named = TypeVar("Named", bound=tuple)  # a NamedTuple
 
 
-class Cases:
-    """Rows of cases in a CSV file.
+def read_csv(path: Path) -> list[Row]:
+    """Return the rows of a CSV file; none if it is not there."""
+    if not path.is_file():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
 
-    Args:
-        path: of the file; read where it is there.
-        fields: its columns.
-        key: the column of the case's name.
-    """
+
+class Cases:
+    """Rows of cases in a CSV file."""
 
     def __init__(self, path: Path, fields: Sequence[str], key: str = "case") -> None:
         self.path, self.fields, self.key = path, fields, key
-        self.rows: list[Row] = []
-        if path.is_file():
-            with path.open(newline="", encoding="utf-8") as file:
-                self.rows = list(csv.DictReader(file))
+        self.rows: list[Row] = read_csv(path)
 
     def run(
         self,

@@ -14,8 +14,6 @@ named if it is reported first, or as an equivalent of what is; intervals are exa
 A row a pair in `compare.csv`; a pair that is there is not made again.
 """
 
-from __future__ import annotations
-
 import argparse
 import logging
 import os
@@ -47,11 +45,7 @@ TILT = np.radians(0.3)  # rad, standard deviation
 WARMER = 10.0  # K
 FRICTION_PER_K, STRENGTH_PER_K = -0.01, -0.004
 MORE_FRICTION, ZERO, SUPPLY = 0.15, np.radians(0.5), 0.9
-EFFECTS = {
-    "friction": "coulomb_friction",
-    "zero": "encoder_offset",
-    "supply": "supply_voltage",
-}
+EFFECTS = {"friction": "coulomb_friction", "zero": "encoder_offset", "supply": "supply_voltage"}
 Entries = list[dict[str, Any]]
 
 

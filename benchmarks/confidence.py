@@ -9,8 +9,6 @@ that the best one follows from the confidences that an exam's answers have: it i
 likelihood of which first causes were right. How good it is, is shown on another exam.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import sys

@@ -13,8 +13,6 @@ every fault of the key is a finding, or stands beside one in a set of at most th
 other finding. A sound case is right if there is none. Intervals are exact binomial ones, 95 %.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path

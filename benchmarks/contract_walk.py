@@ -6,8 +6,6 @@ The faults act in closed loop. They are made here from the simulation's state, b
 check's own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 

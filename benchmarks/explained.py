@@ -5,21 +5,16 @@
 Counts what the exams' scorers wrote: `blindcheck*.csv` of robots that the project's own emulator
 moves, `thirdparty*.csv` of those that another engine does. An answer is right if its first cause is
 a hidden effect at its place; where nothing is hidden, or an effect was withheld, `explained` is
-wrong. Of answers that explain by two effects at one joint it counts those of which one knows that
-both act like another effect (`Effect.imitates`): no such answer is called explained any more.
+wrong.
 """
 
-from __future__ import annotations
-
 import csv
-import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from benchmarks.study import command
-from envs.effects import EFFECTS
 from sim2real.exam.score import wilson
 from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
@@ -27,56 +22,21 @@ from sim2real.runs.tables import Table
 RESULTS = Path(__file__).parent / "results"
 EXPLAINED = "explained"
 CALIBRATION = "thirdparty.csv"  # the half on which the search was mended
-CAUSE = re.compile(r"(?P<effect>\w+)(?: at (?P<place>\w+))?")  # as `exam.score.words` says it
 
 
 class Answer(NamedTuple):
-    """An answer that is called explained.
+    """An answer that is called explained."""
 
-    Args:
-        file: the table that it is in.
-        case: its name.
-        causes: effect and place of each; "" is the whole robot.
-        right: whether its first cause is.
-    """
-
-    file: str
-    case: str
-    causes: tuple[tuple[str, str], ...]
-    right: bool
-
-    @property
-    def is_pair(self) -> bool:
-        """Whether it names two effects at one joint, or two of the whole robot."""
-        return len(self.causes) == 2 and self.causes[0][1] == self.causes[1][1]
-
-    @property
-    def imitates(self) -> bool:
-        """Whether it is such a pair of which one knows that both act like another effect."""
-        (one, _), (other, _) = self.causes if self.is_pair else (("", ""),) * 2
-        return any(b in EFFECTS[a].imitates for a, b in ((one, other), (other, one)) if a)
+    file: str  # the table that it is in
+    right: bool  # whether its first cause is
 
 
 def read(path: Path) -> list[Answer]:
     """Return the answers of a table that are called explained, in its order."""
     with path.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    verdict = f"{EXPLAINED}: "
-    return [
-        Answer(
-            path.name,
-            row["case"],
-            _causes(row["answer"].removeprefix(verdict)),
-            row["rank1"] == "1",  # empty where an effect was withheld, or nothing is hidden
-        )
-        for row in rows
-        if row["answer"].startswith(verdict)
-    ]
-
-
-def _causes(words: str) -> tuple[tuple[str, str], ...]:
-    found = [CAUSE.match(part.strip()) for part in words.split(";")]
-    return tuple((one["effect"], one["place"] or "") for one in found if one)
+        rows = [row for row in csv.DictReader(file) if row["answer"].startswith(f"{EXPLAINED}: ")]
+    # rank1 is empty where an effect was withheld, or nothing is hidden
+    return [Answer(path.name, row["rank1"] == "1") for row in rows]
 
 
 def table_of(answers: Sequence[Answer]) -> Table:
@@ -91,28 +51,10 @@ def table_of(answers: Sequence[Answer]) -> Table:
     return table
 
 
-def pairs_of(answers: Sequence[Answer]) -> Table:
-    """Return the answers that explain by two effects at one joint."""
-    table = Table(("table", "case", "causes", "act like another effect", "right"))
-    for one in answers:
-        if one.is_pair:
-            causes = ", ".join(f"{effect} at {place or 'all'}" for effect, place in one.causes)
-            told = ["yes" if answer else "no" for answer in (one.imitates, one.right)]
-            table.add(one.file, one.case, causes, *told)
-    for title, kind in (("that act like another", True), ("of other kinds", False)):
-        own = [one for one in answers if one.is_pair and one.imitates == kind]
-        table.notes.append(f"Pairs {title}: {len(own)}, of which {_count(own)} right.")
-    return table
-
-
 def _add(table: Table, name: str, answers: Sequence[Answer]) -> None:
     if answers:
-        share = wilson([one.right for one in answers])
-        table.add(name, len(answers), _count(answers), share)
-
-
-def _count(answers: Sequence[Answer]) -> int:
-    return sum(one.right for one in answers)
+        right = [one.right for one in answers]
+        table.add(name, len(answers), sum(right), wilson(right))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -127,8 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     text = (
         "# Answers that are called explained\n\n"
         "`python -m benchmarks.explained`. Brackets: 95 % intervals.\n\n"
-        f"{table_of(answers).markdown()}\n## By two effects at one joint\n\n"
-        f"{pairs_of(answers).markdown()}"
+        f"{table_of(answers).markdown()}"
     )
     print(text)
     write_text(folder / "explained.md", text)

@@ -13,8 +13,6 @@ simulator with what was found (`benchmarks.ground_loop`). A row a case in `groun
 is there is not run again.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import time

@@ -7,8 +7,6 @@ hides an effect, and in its simulator as given and corrected. `benchmarks.ground
 what its sealed cases found.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from typing import Any

@@ -6,8 +6,6 @@
 Gait and drawn offsets to it are open-loop commands; every other episode begins in mid-gait.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -35,25 +33,15 @@ Ends = tuple[float, float]
 
 @dataclass(frozen=True)
 class Walker:
-    """A robot of the sealed cases.
+    """A robot of the sealed cases."""
 
-    Args:
-        task: makes it walk.
-        torso: the body that carries a load.
-        load: as which effect: a point mass at its far end, or mass where its own is.
-        loads: masses of it [kg], least and largest.
-        dry: dry friction [N·m].
-        wet: viscous friction [N·m·s/rad].
-        feels: whether its logs hold an IMU.
-    """
-
-    task: Callable[..., ServoTask]
-    torso: str = "torso"
-    load: str = "payload"
-    loads: Ends = (0.15, 0.4)
-    dry: Ends = (0.08, 0.25)
-    wet: Ends = (0.05, 0.2)
-    feels: bool = True
+    task: Callable[..., ServoTask]  # makes it walk
+    torso: str = "torso"  # the body that carries a load
+    load: str = "payload"  # as which effect: a point mass at its far end, or mass where its own is
+    loads: Ends = (0.15, 0.4)  # masses of it [kg], least and largest
+    dry: Ends = (0.08, 0.25)  # dry friction [N·m]
+    wet: Ends = (0.05, 0.2)  # viscous friction [N·m·s/rad]
+    feels: bool = True  # whether its logs hold an IMU
 
 
 WALKERS = {
@@ -66,11 +54,7 @@ WALKERS = {
 
 
 def walks(
-    name: str,
-    hidden: Sequence[Entry],
-    seed: int,
-    episodes: int = EPISODES,
-    pose: bool = False,
+    name: str, hidden: Sequence[Entry], seed: int, episodes: int = EPISODES, pose: bool = False
 ) -> list[Log]:
     """Return logs of an emulated robot's walks, one an episode.
 

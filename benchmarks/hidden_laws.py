@@ -13,8 +13,6 @@ prior, is below that of the prior. Intervals are exact binomial ones. A row a ca
 `hidden_laws.csv`; a case that is there is not run again.
 """
 
-from __future__ import annotations
-
 import csv
 import logging
 import os

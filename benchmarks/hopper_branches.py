@@ -18,8 +18,6 @@ seeds (0 to 5). Returns of two trainings differ by 190 (standard deviation over 
 All other contrasts are secondary: their intervals are printed and no claim rests on one alone.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -188,12 +186,6 @@ def contrast(
     found: dict[tuple[str, str], dict[int, GridScores]], test: str, branch: str, other: str
 ) -> tuple[int, Interval | float, str] | None:
     """Compare two branches after a test, paired by trunk.
-
-    Args:
-        found: see `read`.
-        test: how both were tested.
-        branch: the one.
-        other: the one that is taken away.
 
     Returns:
         Pairs, the difference of mean returns with its 95 % interval, and what it says: "holds" (the

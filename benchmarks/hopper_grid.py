@@ -11,11 +11,8 @@ by 15 frictions, and writes hopper_grid.csv, .md and .png, after every run anew.
 Each run has a folder of its own: what is complete is skipped, what was interrupted is resumed.
 """
 
-from __future__ import annotations
-
 import csv
 import io
-import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,11 +20,10 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.study import command
+from benchmarks.study import command, sim2real, trained
 from sim2real.evaluation.grid import Box
 from sim2real.evaluation.grid_plots import heatmaps
 from sim2real.evaluation.scores import GridScores, merge_runs
-from sim2real.runs.checkpoint import find, read_metadata
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
 from sim2real.runs.statistics import (
@@ -69,17 +65,11 @@ What differs from the study, beside the seeds:
 
 @dataclass(frozen=True)
 class Method:
-    """A way to train, and a way to adapt what was trained.
+    """A way to train, and a way to adapt what was trained."""
 
-    Args:
-        name: in the results.
-        experiment: that trains it.
-        evaluation: the experiment whose adaptation the evaluation uses.
-    """
-
-    name: str
-    experiment: str
-    evaluation: str
+    name: str  # in the results
+    experiment: str  # that trains it
+    evaluation: str  # the experiment whose adaptation the evaluation uses
 
 
 METHODS = (
@@ -92,21 +82,14 @@ METHODS = (
 
 @dataclass(frozen=True)
 class Plan:
-    """What to run and where.
+    """What to run and where."""
 
-    Args:
-        frames: environment steps of each training run.
-        seeds: of training.
-        out: folder of the runs.
-        results: folder of the tables and the picture.
-        overrides: further settings of every run, such as `algorithm.shards=1`; those of `eval` go
-            to the evaluations only.
-    """
-
-    frames: int
-    seeds: tuple[int, ...]
-    out: Path
-    results: Path
+    frames: int  # environment steps of each training run
+    seeds: tuple[int, ...]  # of training
+    out: Path  # folder of the runs
+    results: Path  # folder of the tables and the picture
+    # further settings of every run, such as `algorithm.shards=1`; those of `eval` go to the
+    # evaluations only
     overrides: tuple[str, ...] = ()
 
     def folder(self, method: Method, seed: int) -> Path:
@@ -137,7 +120,7 @@ def train(plan: Plan, method: Method, seed: int) -> None:
         return
     own = [line for line in plan.overrides if not line.startswith("eval")]
     resume = [f"resume={folder}"] if done else []
-    sim2real(
+    do(
         f"+experiment={method.experiment}",
         f"seed={seed}",
         "iterations=null",
@@ -151,21 +134,13 @@ def train(plan: Plan, method: Method, seed: int) -> None:
     )
 
 
-def trained(folder: Path) -> int:
-    """Return the environment steps of the newest checkpoint in a run's folder; 0 without one."""
-    try:
-        return int(read_metadata(find(folder))["frames"])
-    except Sim2RealError:
-        return 0
-
-
 def evaluate(plan: Plan, method: Method, seed: int) -> bool:
     """Evaluate a training run over the grid; return whether that was still to be done."""
     folder, run_folder = plan.evaluation(method, seed), plan.folder(method, seed)
     found = read(folder)
     if found is not None and found.frames[0] == trained(run_folder):
         return False
-    sim2real(
+    do(
         f"+experiment={method.evaluation}",
         "run=evaluate",
         f"checkpoint={run_folder}",
@@ -175,16 +150,10 @@ def evaluate(plan: Plan, method: Method, seed: int) -> bool:
     return True
 
 
-def sim2real(*arguments: str) -> None:
-    """Run a job of the command line; a failure ends this program with its status."""
-    status = subprocess.run([sys.executable, "-m", "sim2real", *arguments]).returncode
-    if status:
-        print(
-            f"stopped: sim2real {' '.join(arguments)} ended with status {status}; "
-            "start this benchmark again to go on",
-            file=sys.stderr,
-        )
-        sys.exit(status)
+def do(*arguments: str) -> None:
+    """Run a job of the command line; a failure ends this program."""
+    if not sim2real(*arguments):
+        sys.exit(1)
 
 
 def read(folder: Path) -> GridScores | None:

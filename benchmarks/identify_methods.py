@@ -7,8 +7,6 @@ are logged, with all that any method asks for. Each method gets them with the sa
 table and the picture show what answers look like, and not which method is the best.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Mapping, Sequence

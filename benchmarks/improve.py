@@ -12,8 +12,6 @@ the emulated robot. A robot that costs the policy less than the noise has no gap
 not counted.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Sequence
@@ -55,19 +53,12 @@ DRAWS = 10_000  # resamples of an interval
 
 @dataclass(frozen=True)
 class Case:
-    """A policy on a robot that hides something.
-
-    Args:
-        robot: the robot.
-        world: what it hides, of conf/shift.
-        seed: of the policy's training and of the loop.
-        out: the folder of all cases.
-    """
+    """A policy on a robot that hides something."""
 
     robot: str
-    world: str
-    seed: int
-    out: Path
+    world: str  # what it hides, of conf/shift
+    seed: int  # of the policy's training and of the loop
+    out: Path  # the folder of all cases
 
     @property
     def policy(self) -> Path:

@@ -12,8 +12,6 @@ two of what is left by three noise floors after refits. Robots whose first log l
 are drawn again and counted.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import tempfile

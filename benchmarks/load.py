@@ -8,8 +8,6 @@ A figure that was taken beside another program says little: it is taken again, o
 beside it.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from pathlib import Path

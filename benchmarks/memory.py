@@ -6,8 +6,6 @@ It runs in a process of its own, in which nothing is freed in between: memory th
 gave back would otherwise be taken for free.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 from collections.abc import Callable
 from importlib.util import find_spec

@@ -6,8 +6,6 @@ Each page is made of the text that the program itself uses: comments of conf/, d
 settings, docstrings of the report's classes and of the effects.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from collections.abc import Iterator, Sequence

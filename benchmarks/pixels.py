@@ -13,18 +13,13 @@ Each run has a folder of its own: what is complete is skipped, what was interrup
 Several of these programs may run at once and share the work.
 """
 
-from __future__ import annotations
-
 import sys
 
 from benchmarks.study import Row, Study
 
 SHORT, LONG = 100_000, 500_000  # environment steps
 GL = ("env.renderer=gl",)
-MAIN = (
-    Row("single", "pixels_single", 3, (SHORT,)),
-    Row("stack4", "pixels_stack4", 3, (SHORT,)),
-)
+MAIN = (Row("single", "pixels_single", 3, (SHORT,)), Row("stack4", "pixels_stack4", 3, (SHORT,)))
 LONGER = (
     Row("stack4_long", "pixels_stack4", 1, (LONG,), folder="stack4"),
     Row("stack4_gl_long", "pixels_stack4", 1, (SHORT, LONG), GL, folder="stack4_gl"),

@@ -5,8 +5,6 @@ before, after = gap(answer)                             # of a report.json
 values(answer)                                          # its causes, or what is only fitted
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

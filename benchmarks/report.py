@@ -1,11 +1,8 @@
 """What a speed comparison leaves behind: bench.json, a table for people, and a picture."""
 
-from __future__ import annotations
-
 import json
 import os
 import platform
-import tempfile
 from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -15,7 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.speed import BUSY, Measured
-from sim2real.runs.figures import AFTER, BEFORE, FLOOR, INK
+from sim2real.runs import statistics
+from sim2real.runs.figures import AFTER, BEFORE, FLOOR, INK, figure
+from sim2real.runs.files import write_text
 from sim2real.runs.statistics import FEW, bootstrap
 
 
@@ -235,13 +234,8 @@ def _interval(values: Sequence[float]) -> str:
     if len(values) < FEW:
         return ""
     column, rng = np.array(values)[:, None], np.random.default_rng(0)
-    found = bootstrap(column, _middle, rng, draws=10_000, resample="rows")
+    found = bootstrap(column, statistics.median, rng, draws=10_000, resample="rows")
     return f"{found.low:.3g} to {found.high:.3g}"
-
-
-def _middle(values: np.ndarray) -> np.ndarray:
-    """Return the median over the last two axes of values (..., n, C)."""
-    return np.median(values, axis=(-2, -1))
 
 
 def _number(value: float | None, digits: int, scale: float = 1.0) -> str:
@@ -250,22 +244,17 @@ def _number(value: float | None, digits: int, scale: float = 1.0) -> str:
 
 def write(document: dict[str, Any], folder: Path) -> None:
     """Write bench.json, table.md and bench.png into the folder, each in one piece."""
-    folder.mkdir(parents=True, exist_ok=True)
-    _replace(folder / "bench.json", (json.dumps(document, indent=1) + "\n").encode())
-    _replace(folder / "table.md", table(document).encode())
-    _replace(folder / "bench.png", picture(document))
+    write_text(folder / "bench.json", json.dumps(document, indent=1) + "\n")
+    write_text(folder / "table.md", table(document))
+    rows = document["rows"][::-1]
+    with figure(folder / "bench.png", 1, 1, (10, 0.34 * len(rows) + 1.4)) as (_, axes):
+        draw(rows, axes[0, 0])
 
 
-def picture(document: dict[str, Any]) -> bytes:
-    """Return a bar plot of the rates as PNG, coloured by the physics that each is divided by."""
-    from io import BytesIO
-
-    from matplotlib.figure import Figure
+def draw(rows: Sequence[dict[str, Any]], axes: Any) -> None:
+    """Draw bars of the rates, coloured by the physics that each is divided by."""
     from matplotlib.patches import Patch
 
-    rows = document["rows"][::-1]
-    figure = Figure(figsize=(10, 0.34 * len(rows) + 1.4), layout="constrained")
-    axes = figure.subplots()
     ceiling = [row["name"].startswith("raw_physics") for row in rows]
     own = [row["name"].startswith(OWN) or row["name"] in ("sac", "fit") for row in rows]
     colours = [FLOOR if raw else AFTER if ours else BEFORE
@@ -287,9 +276,6 @@ def picture(document: dict[str, Any]) -> bytes:
     legend = {"physics alone": FLOOR, "this project": AFTER, "others": BEFORE}
     marks = [Patch(color=colour, label=name) for name, colour in legend.items()]
     axes.legend(handles=marks, loc="lower center", bbox_to_anchor=(0.4, 1.0), ncols=3)
-    buffer = BytesIO()
-    figure.savefig(buffer, format="png", dpi=150)
-    return buffer.getvalue()
 
 
 WIDE = 70  # letters of a label
@@ -303,9 +289,3 @@ OWN = (
     "pixels_rays",
     "diagnose",
 )
-
-
-def _replace(path: Path, content: bytes) -> None:
-    with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-        file.write(content)
-    os.replace(file.name, path)

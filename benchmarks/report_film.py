@@ -6,8 +6,6 @@ Each picture is the page itself in a Chromium without a window, after a reader's
 a switch was clicked; needs `chromium` on the path and the extra `film` (Pillow).
 """
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

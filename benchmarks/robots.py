@@ -12,8 +12,6 @@ Each run has a folder of its own: what is complete is skipped, what was interrup
 Several of these programs may run at once and share the work.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import resource
@@ -51,18 +49,12 @@ CLIMB = (  # 1 episode of the policy as trained, then 7 rounds of 7: 50 in all
 
 @dataclass(frozen=True)
 class Training:
-    """A way to train.
+    """A way to train."""
 
-    Args:
-        name: of it and of its folder.
-        experiment: the second part of its experiment's name.
-        overrides: of the experiment.
-        after: name of the training that it goes on from for MORE iterations; None starts afresh.
-    """
-
-    name: str
-    experiment: str
-    overrides: tuple[str, ...] = ()
+    name: str  # of it and of its folder
+    experiment: str  # the second part of its experiment's name
+    overrides: tuple[str, ...] = ()  # of the experiment
+    # name of the training that it goes on from for MORE iterations; None starts afresh
     after: str | None = None
 
 
@@ -79,21 +71,13 @@ TRAININGS = tuple(training for round in ROUNDS for training in round)
 
 @dataclass(frozen=True)
 class Plan:
-    """What to run and where.
+    """What to run and where."""
 
-    Args:
-        robots: their names.
-        seeds: of training.
-        out: folder of the runs.
-        results: folder of the tables and the picture.
-        overrides: further settings of every training.
-    """
-
-    robots: tuple[str, ...]
-    seeds: tuple[int, ...]
-    out: Path
-    results: Path
-    overrides: tuple[str, ...] = ()
+    robots: tuple[str, ...]  # their names
+    seeds: tuple[int, ...]  # of training
+    out: Path  # folder of the runs
+    results: Path  # folder of the tables and the picture
+    overrides: tuple[str, ...] = ()  # further settings of every training
 
     def folder(self, robot: str, seed: int, name: str) -> Path:
         """Return the folder of a training, or of a policy's time on the bus."""

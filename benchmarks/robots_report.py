@@ -5,8 +5,6 @@
 Figures that a seed does not have yet are left out; a claim says how many seeds it stands on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +13,7 @@ import numpy as np
 
 from sim2real.runs.figures import COLOURS, INK, figure
 from sim2real.runs.files import write_text
-from sim2real.runs.statistics import Interval, bootstrap
+from sim2real.runs.statistics import Interval, bootstrap, median
 from sim2real.runs.tables import Cell, Table
 
 Seed = Mapping[str, float]
@@ -62,17 +60,12 @@ def recovered(shift: str) -> Callable[[Seed], float]:
 
 @dataclass(frozen=True)
 class Claim:
-    """Something that the median over the seeds must reach.
-
-    Args:
-        text: what.
-        value: of one seed; a KeyError where figures are missing, NaN where there is nothing to say.
-        least: the median must reach.
-    """
+    """Something that the median over the seeds must reach."""
 
     text: str
+    # of one seed; a KeyError where figures are missing, NaN where there is nothing to say
     value: Callable[[Seed], float]
-    least: float
+    least: float  # the median must reach
 
 
 CLAIMS = (
@@ -84,11 +77,6 @@ CLAIMS = (
     Claim("load and low voltage: recovered by adapting on the bus", recovered("load"), 0.3),
     Claim("low foot friction: recovered by adapting on the bus", recovered("friction"), 0.3),
 )
-
-
-def middle(values: np.ndarray) -> np.ndarray:
-    """Return the median over the last two axes of values (..., n, C)."""
-    return np.median(values, axis=(-2, -1))
 
 
 def values_of(seeds: Mapping[int, Seed], value: Callable[[Seed], float]) -> list[float]:
@@ -107,7 +95,7 @@ def estimate(values: list[float]) -> Interval | float | None:
     if len(values) < 2:
         return values[0] if values else None
     rng = np.random.default_rng(0)
-    return bootstrap(np.array(values)[:, None], middle, rng, draws=DRAWS, resample="rows")
+    return bootstrap(np.array(values)[:, None], median, rng, draws=DRAWS, resample="rows")
 
 
 def claims(found: Figures) -> Table:

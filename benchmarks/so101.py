@@ -16,8 +16,6 @@ explains. All rows count; a note says what is left in the others. Positions alon
 docs/explanation/evidence.md names the logs, which are not part of this project.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Sequence

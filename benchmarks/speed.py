@@ -8,8 +8,6 @@ over the rounds. The CPU time of other programs is measured during each run; a r
 of it is taken again, a few times.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

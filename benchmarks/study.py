@@ -7,8 +7,6 @@ After each round of seeds `run=report` writes its tables and pictures. Several p
 same plan at once and share the work.
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys
@@ -27,23 +25,14 @@ SIGNALLED = 128  # exit statuses above are those of a job that was told to stop
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the tables.
+    """A row of the tables."""
 
-    Args:
-        name: of the row and its folder.
-        experiment: that trains it.
-        seeds: how many, from 0 up.
-        budgets: environment steps after which it is evaluated; the last ends it.
-        overrides: of the experiment.
-        folder: of another row, whose runs go on; None for its own.
-    """
-
-    name: str
-    experiment: str
-    seeds: int
-    budgets: tuple[int, ...]
-    overrides: tuple[str, ...] = ()
-    folder: str | None = None
+    name: str  # of the row and its folder
+    experiment: str  # that trains it
+    seeds: int  # how many, from 0 up
+    budgets: tuple[int, ...]  # environment steps after which it is evaluated; the last ends it
+    overrides: tuple[str, ...] = ()  # of the experiment
+    folder: str | None = None  # of another row, whose runs go on; None for its own
 
 
 Rounds = tuple[tuple[Row, ...], ...]
@@ -51,25 +40,15 @@ Rounds = tuple[tuple[Row, ...], ...]
 
 @dataclass(frozen=True)
 class Plan:
-    """What to run and where.
+    """What to run and where."""
 
-    Args:
-        rounds: the study's rows, those of a round side by side, one round after another.
-        rows: names of those that are wanted.
-        seeds: of training; None for as many as each row has.
-        out: folder of the runs.
-        results: folder of the report.
-        frames: environment steps of every run instead of its own; None for its own.
-        overrides: further settings of every run.
-    """
-
-    rounds: Rounds
-    rows: tuple[str, ...]
-    seeds: tuple[int, ...] | None
-    out: Path
-    results: Path
-    frames: int | None = None
-    overrides: tuple[str, ...] = ()
+    rounds: Rounds  # the study's rows, those of a round side by side, one round after another
+    rows: tuple[str, ...]  # names of those that are wanted
+    seeds: tuple[int, ...] | None  # of training; None for as many as each row has
+    out: Path  # folder of the runs
+    results: Path  # folder of the report
+    frames: int | None = None  # environment steps of every run instead of its own; None for its own
+    overrides: tuple[str, ...] = ()  # further settings of every run
 
     def folder(self, row: Row, seed: int) -> Path:
         """Return a run's folder."""
@@ -191,19 +170,12 @@ def command(name: str, text: str | None) -> argparse.ArgumentParser:
 
 @dataclass(frozen=True)
 class Study:
-    """A study with a command line.
+    """A study with a command line."""
 
-    Args:
-        name: of its module, folder and results.
-        text: what it is, for `--help`.
-        rounds: its rows.
-        slow: names of rows that run only when asked for.
-    """
-
-    name: str
-    text: str
-    rounds: Rounds
-    slow: tuple[str, ...] = ()
+    name: str  # of its module, folder and results
+    text: str  # what it is, for `--help`
+    rounds: Rounds  # its rows
+    slow: tuple[str, ...] = ()  # names of rows that run only when asked for
 
     @property
     def rows(self) -> dict[str, Row]:

@@ -14,8 +14,6 @@ noise. The "steps" rows spend the same 51 to 55 episodes on rules that change th
 steps, or run the incumbent again in each round.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import time
@@ -28,8 +26,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.cases import read_csv
 from envs.rows import Rows
 from envs.toys import Corners, FourCorners, Nav2D, NavGoals, NoisyNav2D, ToyEnv
+from hardware.files import atomic_write
 from sim2real.learning.adapt import Adaptation, GradientAdaptation, HillClimb, NoAdaptation
 from sim2real.learning.adapt.hillclimb import Mode
 from sim2real.learning.algorithms.base import Components
@@ -64,23 +64,15 @@ TRAINING: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Experiment:
-    """Operators compared on one task.
+    """Operators compared on one task."""
 
-    Attributes:
-        env: makes the environment.
-        tasks: makes its tasks.
-        operators: name to adaptation; the order is that of the claim, best first.
-        pairs: perturbation directions an iteration.
-        iterations: training length.
-        clean: parameters that are neutral when scored.
-    """
-
-    env: Callable[..., Rows]
-    tasks: Callable[[], Any]
+    env: Callable[..., Rows]  # makes the environment
+    tasks: Callable[[], Any]  # makes its tasks
+    # name to adaptation; the order is that of the claim, best first
     operators: Mapping[str, Adaptation]
-    pairs: int = 150
-    iterations: int = 300
-    clean: tuple[str, ...] = ()
+    pairs: int = 150  # perturbation directions an iteration
+    iterations: int = 300  # training length
+    clean: tuple[str, ...] = ()  # parameters that are neutral when scored
 
 
 def published(queries: int) -> dict[str, Adaptation]:
@@ -235,7 +227,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="experiments whose name contains this")
     parser.add_argument("--out", type=Path, default=RESULTS, help="the CSV file")
     arguments = parser.parse_args()
-    rows = read(arguments.out)
+    rows: list[dict[str, Any]] = [*read_csv(arguments.out)]
     done = {(row["experiment"], row["operator"], int(row["seed"])) for row in rows}
     work = [
         (name, operator, seed)
@@ -252,23 +244,12 @@ def main() -> None:
     print("\n".join(table(rows)))
 
 
-def read(path: Path) -> list[dict[str, Any]]:
-    """Return the rows of a CSV file; none if it is not there."""
-    if not path.exists():
-        return []
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def write(path: Path, rows: list[dict[str, Any]]) -> None:
     """Write a CSV file whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part")
-    with part.open("w", newline="") as file:
+    with atomic_write(path) as part, part.open("w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
-    part.replace(path)
 
 
 if __name__ == "__main__":

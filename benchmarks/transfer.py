@@ -14,8 +14,6 @@ Several of these programs may run at once and share the work, such as one on eac
     for core in 0 1; do taskset -c $core python -m benchmarks.transfer & done
 """
 
-from __future__ import annotations
-
 import sys
 
 from benchmarks.study import Row, Study

@@ -8,8 +8,6 @@ other. Each row goes into results/wide.csv with command, versions, processor and
 were measured before stay, those measured again are replaced.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import platform

@@ -43,11 +43,7 @@ class Outcome(NamedTuple):
 
 
 class Loop:
-    """One environment, and episodes in it.
-
-    Args:
-        kind: what computes the policy.
-    """
+    """One environment, and episodes in it."""
 
     def __init__(self, kind: Kind) -> None:
         self._env = gymnasium.make("Hopper-v5")

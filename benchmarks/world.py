@@ -9,8 +9,6 @@ twenty steps, so that resets are frequent; and `hopping`, which seldom falls wit
 and has its foot on the ground half of the time, so that contacts are.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

@@ -11,8 +11,6 @@ A row a cost in `worth.csv`; a robot that is there is not run again. Policies ar
 `benchmarks.improve`, and are trained where they are missing (minutes each).
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping, Sequence
 from functools import partial

@@ -14,8 +14,6 @@ docs/explanation/evidence.md names the logs, which are not part of this project.
 a folder; what is there is not repeated.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Sequence
@@ -32,7 +30,7 @@ from sim2real.diagnosis.data.replay import measure
 from sim2real.diagnosis.diagnose import run_diagnosis
 from sim2real.diagnosis.outcome import write
 from sim2real.runs.files import write_text
-from sim2real.runs.statistics import Interval, bootstrap
+from sim2real.runs.statistics import Interval, bootstrap, mean
 from sim2real.runs.tables import Table
 
 GAINS = (100, 200, 800)  # the servo's P gain register
@@ -82,14 +80,8 @@ def share_of_gain(log: Log) -> float:
 
 def mean_of(values: Sequence[float]) -> Interval:
     """Return a mean over logs with its 95 % interval."""
-    rows = np.array(values)[:, None]
-    return bootstrap(
-        rows,
-        lambda some: some.mean(axis=(-2, -1)),
-        np.random.default_rng(0),
-        draws=DRAWS,
-        resample="rows",
-    )
+    rows, rng = np.array(values)[:, None], np.random.default_rng(0)
+    return bootstrap(rows, mean, rng, draws=DRAWS, resample="rows")
 
 
 def report(logs: Sequence[Log], out: Path, results: Path) -> Table:

@@ -9,8 +9,6 @@
 A name's module is imported when the name is first used: only the TorchRL environments import torch.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 

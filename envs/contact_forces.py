@@ -8,8 +8,6 @@ The engine computes them in mj_rnePostConstraint, from quantities of the last su
 persistent batch keeps. It runs on one row at a time, so this costs several times what a step does.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -9,8 +9,6 @@ under it. `spread` (how much the robot varies between episodes) and `uncertainty
 estimate is known) are kept apart; draws have both, `std` is their root sum of squares.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal

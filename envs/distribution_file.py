@@ -30,8 +30,6 @@ is the mean, and the law of its values (lists where an effect has several parame
 With zero width everywhere it is an `effects.yaml`.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import os

@@ -8,8 +8,6 @@ One number, the width or the deviation, is then all that a sweep over the streng
 randomization changes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 

@@ -6,8 +6,6 @@ They simulate by themselves: there is no robot here that effects could change. T
 for some twenty libraries; a function like these, in a folder of your own, brings another one.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from importlib import import_module
 from importlib.util import find_spec

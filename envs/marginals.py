@@ -7,8 +7,6 @@ Correlated draws are a Gaussian copula: correlated normal numbers are turned int
 each law turns its own into values.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -27,24 +25,18 @@ UNIFORM_WIDTH = math.sqrt(12.0)  # of a uniform law, over its standard deviation
 class Marginal:
     """The distribution of one parameter.
 
-    Args:
-        kind: "normal" and "lognormal" (mean and std before they are cut off at low and high),
-            "uniform" (low to high), "particles" (rows of a table; mean and std describe them).
-        mean: in the parameter's unit and way.
-        std: standard deviation, 0 for a single value.
-        low: smallest value of a draw.
-        high: largest value of a draw.
-
     Raises:
         ParameterError: an unknown law, a number that is not finite, a negative std, a mean outside
             [low, high], or a lognormal law whose mean is not positive.
     """
 
+    # "normal" and "lognormal" (mean and std before they are cut off at low and high), "uniform"
+    # (low to high), "particles" (rows of a table; mean and std describe them)
     kind: Kind
-    mean: float
-    std: float
-    low: float
-    high: float
+    mean: float  # in the parameter's unit and way
+    std: float  # standard deviation, 0 for a single value
+    low: float  # smallest value of a draw
+    high: float  # largest value of a draw
 
     def __post_init__(self) -> None:
         refuse_unknown("law", self.kind, KINDS, ParameterError)

@@ -5,8 +5,6 @@
 Without this a machine fills up until the system ends the program without a word.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 from pathlib import Path

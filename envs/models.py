@@ -12,8 +12,6 @@ and inertias come from `<inertial>`, and a mesh that is not there is left out; s
 that is only looked at.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import xml.etree.ElementTree as ElementTree

@@ -5,8 +5,6 @@ env = TransformedEnv(env, RandomizeParams(tasks))
 collector = Collector(env, policy, frames_per_batch=8192, total_frames=1_000_000)
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import torch

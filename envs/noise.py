@@ -7,8 +7,6 @@ thousand rows. A counter-based hash has no state, so a row's numbers do not depe
 before it or in parallel.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -9,8 +9,6 @@ evaluation grid sweeps them, diagnosis asks which one is not neutral. Every one 
 these names.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

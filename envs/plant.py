@@ -22,8 +22,6 @@ Contracts:
   them (`qpos`, `ctrl`, readings) are arrays of the engine, `arrays` (see `envs.physics`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from operator import attrgetter
 from typing import Any, TypeVar

@@ -10,8 +10,6 @@ setting belongs to the process, so it is put back when the last of the blocks th
 threads ends, and the user's own calls of MuJoCo stay as loud as they were.
 """
 
-from __future__ import annotations
-
 import threading
 import warnings
 from collections.abc import Iterator

@@ -151,9 +151,7 @@ class Randomization:
     """
 
     def __init__(
-        self,
-        draws: Sequence[Draw | Mapping[str, Any]] = (),
-        per: Literal["reset", "row"] = "reset",
+        self, draws: Sequence[Draw | Mapping[str, Any]] = (), per: Literal["reset", "row"] = "reset"
     ) -> None:
         refuse_unknown("per", per, ("reset", "row"), ParameterError)
         self.draws = tuple(

@@ -13,8 +13,6 @@ Contracts:
   all rest on that. On a GPU it holds to rounding only: the same parameters and start, in float32.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple, Protocol
 
 import numpy as np

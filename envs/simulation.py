@@ -13,8 +13,6 @@ action is not. Its step then has failed and terminated set, reward 0 and an obse
 the other rows do not notice. Reset it before it goes on, as after any other end.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -6,8 +6,6 @@ accelerations, or diverges (https://github.com/google-deepmind/mujoco/issues/376
 A Jacobian is sparse where the model asks for it, or from 60 degrees of freedom on.
 """
 
-from __future__ import annotations
-
 import functools
 import logging
 

@@ -7,8 +7,6 @@ substeps.place(rule, ids, present)                    # where an effect is not a
 substeps.apply(ids, applied)                          # before a substep of the rows ids
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

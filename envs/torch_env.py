@@ -14,8 +14,6 @@ unless `cut=False`.
     env.resume(state)                                   # ... played again, to the last bit
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

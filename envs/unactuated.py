@@ -3,8 +3,6 @@
 why = refusal(model, has_imu=False)     # "moves at root, which no servo reads, and ..."; or None
 """
 
-from __future__ import annotations
-
 import mujoco
 
 from envs.effects.contact import ground, soles

@@ -1,7 +1,5 @@
 """Find a robot's MJCF: a file of the project, or the user's own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -14,8 +14,6 @@ its health, then the deadline is waited for and everything is read. Deadlines ar
 that are missed are counted and never made up for.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple, Protocol
 

@@ -10,8 +10,6 @@ class with these members and hand it to `ServoBackend(sensors=...)`. Other names
 go into the log. The emulated robot has all that its model has.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Protocol
 

@@ -318,12 +318,7 @@ class BusClient:
         return good
 
     def _fits(
-        self,
-        packet: Packet,
-        left: list[int],
-        sizes: Mapping[int, int],
-        several: bool,
-        fast: bool,
+        self, packet: Packet, left: list[int], sizes: Mapping[int, int], several: bool, fast: bool
     ) -> bool:
         """Say whether this packet answers the request, and count it if it does not."""
         if packet.instruction != protocol.STATUS:

@@ -7,8 +7,6 @@ While a person moves a joint it is read again and again, so that joints which tu
 turn, or over the seam of their encoder, are followed.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

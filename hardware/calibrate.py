@@ -1,7 +1,5 @@
 """A calibration of a robot whose joints a person moves: the verb calibrate."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from hardware.by_hand import HandMeasurement

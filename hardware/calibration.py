@@ -19,8 +19,6 @@ Source: lerobot/motors/motors_bus.py, `set_half_turn_homings`, `record_ranges_of
 `_normalize`; the servos' manuals, Homing Offset(20) and Drive Mode(10).
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping
@@ -39,27 +37,16 @@ HALF_TURN = 2048  # counts, the zero that the offsets of schema 1 are relative t
 
 @dataclass(frozen=True)
 class Joint:
-    """One joint's calibration, in counts; the module says what the fields mean.
+    """One joint's calibration, in counts; the module says what the fields mean."""
 
-    Args:
-        id: the servo's number on the bus.
-        drive_mode: 1 if the servo itself counts backwards.
-        homing_offset: what the servo itself adds to its counts.
-        range_min: the least count, as the servo reports it.
-        range_max: the largest.
-        model: the servo's type, None if it is not known.
-        zero: the reported count at the angle 0, None for the middle of the range.
-        sign: -1 if the angle falls as the reported count grows.
-    """
-
-    id: int
-    drive_mode: int
-    homing_offset: int
-    range_min: int
-    range_max: int
-    model: str | None = None
-    zero: float | None = None
-    sign: int = 1
+    id: int  # the servo's number on the bus
+    drive_mode: int  # 1 if the servo itself counts backwards
+    homing_offset: int  # what the servo itself adds to its counts
+    range_min: int  # the least count, as the servo reports it
+    range_max: int  # the largest
+    model: str | None = None  # the servo's type, None if it is not known
+    zero: float | None = None  # the reported count at the angle 0, None for the middle of the range
+    sign: int = 1  # -1 if the angle falls as the reported count grows
 
     def encoder(self, reported: float, maker: str = "dynamixel") -> float:
         """Return the encoder's count, without offset and drive mode, at a reported count."""

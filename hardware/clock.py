@@ -1,7 +1,5 @@
 """Time as the driver sees it: the machine's, or one that only waiting moves."""
 
-from __future__ import annotations
-
 import os
 import select
 import time

@@ -4,8 +4,6 @@ keys = parse_keys("scan", ["robot=bench1", "port=/dev/ttyUSB0"], {"scan": ("robo
 number(keys, "seconds", 10.0)
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from hardware.errors import HardwareError, did_you_mean, format_names

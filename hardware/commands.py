@@ -42,8 +42,6 @@ Keys:
 The exit status is 0, 1 if the servos or the port refuse, 2 for a wrong command line or file.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Callable, Iterable

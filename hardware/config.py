@@ -7,8 +7,6 @@ The keys are explained where they are set, in `conf/robot/*.yaml`. Hydra reads t
 `make_robot` takes what it composed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

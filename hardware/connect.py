@@ -1,7 +1,5 @@
 """From a robot's file to a driver: over its serial ports, or the emulated buses if it has none."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 

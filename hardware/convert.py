@@ -5,8 +5,6 @@
 Each log becomes a CSV with a JSON next to it. On the command line: `sim2real convert`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 

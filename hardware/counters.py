@@ -1,7 +1,5 @@
 """Counters of the requests to one servo and of their answers."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 
 

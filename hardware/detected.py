@@ -7,8 +7,6 @@ Its servos have their counts' own zero and direction, and no limits: it is for l
 up, never for moving.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 

@@ -4,8 +4,6 @@ What a person would do by hand is typed: `connect elbow`, `move elbow 0.5`
 (`hardware/emulator/hand.py`).
 """
 
-from __future__ import annotations
-
 import math
 import os
 import select

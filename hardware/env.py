@@ -18,8 +18,6 @@ robot arms itself. On leaving the `with` block the robot parks, torque goes off,
 verified. Ctrl-C and SIGTERM switch torque off at once.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, Self
 

@@ -16,8 +16,6 @@ site, `sensor.<name>_<i>` of another sensor, `flag.late` (a deadline was missed 
 last measurement: nothing was sent any more, the last command holds).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Errors that a user of the hardware can cause, one class per kind of mistake."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable
 

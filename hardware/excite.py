@@ -14,8 +14,6 @@ Each kind shows something of its own:
     swing       torque off for a while: friction alone, without the motor
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple, get_args

@@ -3,8 +3,6 @@
 find_port(ask_terminal, print)
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 from hardware.errors import SerialPortError

@@ -11,8 +11,6 @@ last answer foretells. Slow answers have wide windows, and quick ones narrow wha
 a busy machine costs no good answer, and an answer to an earlier question is still found out.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 ROUND = 32768  # ms after which the counter starts again

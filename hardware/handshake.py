@@ -1,7 +1,5 @@
 """A driver's checks before torque is switched on; each refusal is a sentence with its remedy."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 
@@ -15,10 +13,7 @@ from hardware.tables import servo_by_number
 from hardware.timing import cycle_time
 
 SPEEDS = (57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000)
-SPEEDS_OF = {
-    "dynamixel": SPEEDS,
-    "feetech": (1_000_000, 500_000, 115200, 57600, 38400, 19200),
-}
+SPEEDS_OF = {"dynamixel": SPEEDS, "feetech": (1_000_000, 500_000, 115200, 57600, 38400, 19200)}
 SLOWEST = 0.5  # s, the longest that an answer is waited for
 BY_SETUP = "(python -m hardware setup does)"
 

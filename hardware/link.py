@@ -71,18 +71,12 @@ class AnswerCounts:
 
 @dataclass(frozen=True)
 class LinkStatistics:
-    """Periods, overruns and answers of a run.
+    """Periods, overruns and answers of a run."""
 
-    Args:
-        periods: from the beginning of each step to that of the next [s], (T - 1,).
-        overruns: steps that ended after the deadline of the next.
-        servos: what became of the answers, by servo.
-        score: of the link before the robot was armed; None where none was measured.
-    """
-
-    periods: np.ndarray
-    overruns: int
-    servos: Mapping[str, AnswerCounts]
+    periods: np.ndarray  # from the beginning of each step to that of the next [s], (T - 1,)
+    overruns: int  # steps that ended after the deadline of the next
+    servos: Mapping[str, AnswerCounts]  # what became of the answers, by servo
+    # of the link before the robot was armed; None where none was measured
     score: LinkScore | None = None
 
     def __add__(self, other: Self) -> LinkStatistics:

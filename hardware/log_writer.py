@@ -7,8 +7,6 @@
 The first row's names are the columns. `hardware.log` reads a `.part` that was left over.
 """
 
-from __future__ import annotations
-
 import csv
 import os
 from collections.abc import Mapping

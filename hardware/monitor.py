@@ -6,8 +6,6 @@ Servos are asked as in a run, at the robot's rate and one of them in turn for it
 periods and answers are those that a run would have.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import cycle
 

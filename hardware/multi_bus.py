@@ -9,8 +9,6 @@ all together. Torque-off is sent to every bus first, and then verified bus by bu
 fails.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Sequence
 

@@ -10,8 +10,6 @@ its joint gets the rotor's inertia, and no damping or friction of its own: what 
 for a diagnosis to find.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

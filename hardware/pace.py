@@ -8,8 +8,6 @@
 Afterwards `pace.missed`, `pace.overruns`, `pace.starts` and `pace.jitter` say how well it went.
 """
 
-from __future__ import annotations
-
 import math
 
 from hardware.clock import Clock

@@ -6,8 +6,6 @@ Text files lose the home folder, the folder that the program was started in, and
 user and the machine; pictures and other files that cannot be looked through are left out.
 """
 
-from __future__ import annotations
-
 import getpass
 import platform
 import re

@@ -1,7 +1,5 @@
 """The parts of a robot's file: servos, buses, an IMU, a supply."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
@@ -30,38 +28,25 @@ class Supply:
 
 @dataclass(frozen=True)
 class Servo:
-    """One servo of a robot and the joint it turns.
+    """One servo of a robot and the joint it turns."""
 
-    Args:
-        name: the actuator of the model that it stands for.
-        id: its number on the bus, 0 to 251.
-        model: its type.
-        sign: 1 or -1: the direction of its counts along the joint.
-        zero: the count at the joint's zero; a calibration may put it between two.
-        position: least and largest angle to command [rad].
-        velocity: fastest motion of a command [rad/s].
-        torque: largest torque [N·m], None for all it has.
-        registers: registers of this servo in addition to the robot's.
-        bus: the name of its bus, where the robot has several.
-        current: largest current [A] that the guard lets it draw for longer than `stops.patience`;
-            None for the servo's own limit.
-        load: the same of a servo that reports its load, as a part of the full one, above 0 to 1.
-        supply: its own power supply; None for the robot's.
-    """
-
-    name: str
-    id: int
-    model: str
-    sign: int
-    zero: float
-    position: tuple[float, float]
-    velocity: float
-    torque: float | None
+    name: str  # the actuator of the model that it stands for
+    id: int  # its number on the bus, 0 to 251
+    model: str  # its type
+    sign: int  # 1 or -1: the direction of its counts along the joint
+    zero: float  # the count at the joint's zero; a calibration may put it between two
+    position: tuple[float, float]  # least and largest angle to command [rad]
+    velocity: float  # fastest motion of a command [rad/s]
+    torque: float | None  # largest torque [N·m], None for all it has
+    # registers of this servo in addition to the robot's
     registers: Mapping[str, int] = field(default_factory=dict)
-    bus: str | None = None
+    bus: str | None = None  # the name of its bus, where the robot has several
+    # largest current [A] that the guard lets it draw for longer than `stops.patience`; None for
+    # the servo's own limit
     current: float | None = None
+    # the same of a servo that reports its load, as a part of the full one, above 0 to 1
     load: float | None = None
-    supply: Supply | None = None
+    supply: Supply | None = None  # its own power supply; None for the robot's
 
     @property
     def type(self) -> ServoType:
@@ -120,21 +105,14 @@ class ImuErrors:
 
 @dataclass(frozen=True)
 class Imu:
-    """An IMU on a separate serial port.
+    """An IMU on a separate serial port."""
 
-    Args:
-        model: part and mode, one of IMUS.
-        site: of the robot's MJCF, where it is.
-        mount: how the part is turned in the site's axes, a unit quaternion w x y z.
-        port: the serial port, None for none.
-        emulated: what the emulated part measures, and how well.
-    """
-
-    model: str
-    site: str
+    model: str  # part and mode, one of IMUS
+    site: str  # of the robot's MJCF, where it is
+    # how the part is turned in the site's axes, a unit quaternion w x y z
     mount: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-    port: str | None = None
-    emulated: ImuErrors = ImuErrors()
+    port: str | None = None  # the serial port, None for none
+    emulated: ImuErrors = ImuErrors()  # what the emulated part measures, and how well
 
 
 def shared_of_servos(data: Any, place: str) -> dict[str, Any]:

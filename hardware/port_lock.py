@@ -11,8 +11,6 @@ their open files (Linux). Where the system has no such locks (Windows), a port o
 anyway.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import re

@@ -11,8 +11,6 @@ every servo's part of it ends with the CRC of all bytes so far.
 Source: the protocol's manual, https://emanual.robotis.com/docs/en/dxl/protocol2/.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 PING, READ, WRITE, REG_WRITE, ACTION = 0x01, 0x02, 0x03, 0x04, 0x05

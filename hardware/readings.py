@@ -1,7 +1,5 @@
 """Readings of servos: their motion, all at once, and their state, one at a time."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

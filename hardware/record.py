@@ -9,8 +9,6 @@ The guard's limits and stops hold while it is driven. `Recording` keeps the rows
 the guard, Ctrl-C or anything else ends early.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path

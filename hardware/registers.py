@@ -6,8 +6,6 @@
 Names are the manual's, in lower case with underscores (`hardware/tables.py`).
 """
 
-from __future__ import annotations
-
 from hardware.bus_client import BusClient
 from hardware.config import Servo
 from hardware.errors import ServoError

@@ -9,8 +9,6 @@ On a busy machine, behind a slow adapter or a virtual port, steps take longer th
 robot that moves already would then be stopped by its guard, or by its servos' watchdogs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 

@@ -21,40 +21,23 @@ class Robot:
     """A robot as its file describes it; `conf/robot/bench1.yaml` explains every key.
 
     The file's key `servo` holds what its servos share; each may say otherwise.
-
-    Args:
-        name: carried by calibration files and logs.
-        model: its MJCF.
-        servos: the servos, in the order of the file.
-        registers: written to every servo before its torque goes on, raw values.
-        bus: the serial bus; of several the first.
-        rate: control steps a second.
-        command_delay: the time from writing a command to its effect [s].
-        reading_age: the time from a reading to writing the command computed from it [s].
-        max_step: largest change of a command in one control step [rad].
-        watchdog: the servos stop after this long without a command [s].
-        supply: the power supply of the servos without a separate one.
-        port: the serial port, None for the emulated bus; of several the first.
-        hidden: a file of effects that the emulated robot hides, or None.
-        buses: the buses, where there are several.
-        imu: the IMU, or None.
     """
 
-    name: str
-    model: Path
-    servos: tuple[Servo, ...]
-    registers: Mapping[str, int]
-    bus: BusSettings
-    rate: float
-    command_delay: float
-    reading_age: float
-    max_step: float
-    watchdog: float
-    supply: Supply
-    port: str | None = None
-    hidden: Path | None = None
-    buses: tuple[Bus, ...] = ()
-    imu: Imu | None = None
+    name: str  # carried by calibration files and logs
+    model: Path  # its MJCF
+    servos: tuple[Servo, ...]  # the servos, in the order of the file
+    registers: Mapping[str, int]  # written to every servo before its torque goes on, raw values
+    bus: BusSettings  # the serial bus; of several the first
+    rate: float  # control steps a second
+    command_delay: float  # the time from writing a command to its effect [s]
+    reading_age: float  # the time from a reading to writing the command computed from it [s]
+    max_step: float  # largest change of a command in one control step [rad]
+    watchdog: float  # the servos stop after this long without a command [s]
+    supply: Supply  # the power supply of the servos without a separate one
+    port: str | None = None  # the serial port, None for the emulated bus; of several the first
+    hidden: Path | None = None  # a file of effects that the emulated robot hides, or None
+    buses: tuple[Bus, ...] = ()  # the buses, where there are several
+    imu: Imu | None = None  # the IMU, or None
 
     def parts(self) -> list[Robot]:
         """Return the robot bus by bus: each part's servos are on one bus, and of one maker."""

@@ -3,8 +3,6 @@
 check_robot(robot, "bench1.yaml")       # RobotError: the value, its place, what is allowed
 """
 
-from __future__ import annotations
-
 import math
 
 from hardware.errors import RobotError, format_names

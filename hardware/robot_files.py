@@ -6,8 +6,6 @@
 Names are those of conf/robot, and of the folder `robot` of the one that SIM2REAL_CONFIG_DIR names.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

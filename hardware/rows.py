@@ -13,8 +13,6 @@ An episode ends as in simulation, and, with `failed` set, when the guard stops t
 then says why, and the next reset raises until `arm` was called.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

@@ -15,8 +15,6 @@ restarts, gets too hot, has its watchdog trip, does not take its goals or does n
 While armed, the servos' own watchdogs stop them if this program dies.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from collections import deque

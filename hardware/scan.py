@@ -4,8 +4,6 @@ for found in scan(client):
     print(found)                    # 1000000 bits/s  ID   1  xl330-m288  firmware 52
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

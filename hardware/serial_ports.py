@@ -8,8 +8,6 @@ Linux gives a serial device to a group (`dialout` or `uucp`), and holds the byte
 such as the U2D2 back for 16 ms by default.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 from pathlib import Path

@@ -7,8 +7,6 @@
 with them is connected. `differences` are all that `python -m hardware setup` writes.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from hardware.bus_client import BusClient

@@ -7,8 +7,6 @@ one yes. Those that are missing are then asked for one by one: a servo fresh fro
 answers as 1 at 57600 bits/s, and two of them at once as one. Everything written is read back.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -10,8 +10,6 @@ Of Python's garbage collector nothing is heard meanwhile but for what is made me
 through a whole program takes longer than a control step.
 """
 
-from __future__ import annotations
-
 import atexit
 import gc
 import logging

@@ -7,8 +7,6 @@ Servos are named as in the robot's file, or by ID. No write moves a servo unless
 one that has torque is written to only then.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from hardware.command_line import UsageError

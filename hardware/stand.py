@@ -8,8 +8,6 @@ the data sheet, and the robot's declared bus delay in its actuators. An arm, whi
 only gets the delay.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

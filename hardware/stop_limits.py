@@ -3,8 +3,6 @@
 Guard(driver, StopLimits(odd_voltage=0.3))
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

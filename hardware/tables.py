@@ -10,8 +10,6 @@ those can be found, set up, read and commanded, and some of them emulated. Regis
 manual's, in lower case with underscores.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

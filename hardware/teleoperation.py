@@ -11,8 +11,6 @@ Each has its own zeros, signs and limits: what is handed over are angles by the 
 follower's guard limits them as any other command. A leader that falls silent stops it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@
 `Ask` is what the verbs of `python -m hardware` take; tests answer in its place.
 """
 
-from __future__ import annotations
-
 import os
 import select
 import sys

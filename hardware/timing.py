@@ -6,8 +6,6 @@
 A byte takes 10 bits. A servo answers after its return delay and a turn-round.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

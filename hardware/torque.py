@@ -4,8 +4,6 @@
 itself has confirmed that it is off.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from typing import ClassVar

@@ -3,8 +3,6 @@
 typed_fields(Supply, {"voltage": 5, "resistance": 0.0}, "bench1.yaml: supply")
 """
 
-from __future__ import annotations
-
 import types
 import typing
 from collections.abc import Mapping

@@ -6,8 +6,6 @@ watch.reading(reading, expected)            # "hinge is at 0.10 rad and should b
 watch.health(0, driver.health(0))           # "hinge reports overload; find the reason"
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -7,8 +7,6 @@ A tripped bus watchdog of the X series holds in the position modes, and lets go 
 Feetech servos have none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from hardware.config import Robot, Servo

@@ -7,8 +7,6 @@ says which servo turns it, and takes its limits, zero and direction with it. The
 last, whole or not at all.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import statistics

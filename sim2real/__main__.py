@@ -22,15 +22,7 @@ from sim2real.runs.terminal import is_page, open_page
 FULL = "HYDRA_FULL_ERROR"
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")  # NumPy's and torch's
 WANTED = "SIM2REAL_FULL_ERROR"  # what the user set FULL to, while Hydra runs with 1
-PASSED_ON = (
-    "--cfg",
-    "-c",
-    "--info",
-    "-i",
-    "--hydra-help",
-    "--shell-completion",
-    "-sc",
-)
+PASSED_ON = ("--cfg", "-c", "--info", "-i", "--hydra-help", "--shell-completion", "-sc")
 EXTRAS = {  # packages that only some verbs need, and the extra that brings them
     "torch": "train",
     "torchrl": "train",

@@ -1,7 +1,5 @@
 """What every test can rely on: one thread, pictures without a screen, skips that say why."""
 
-from __future__ import annotations
-
 import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before torch and numpy are imported

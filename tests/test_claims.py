@@ -1,7 +1,5 @@
 """Figures of README and docs: each is an entry of claims.yaml, and stands in the table it names."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """conf/ as documentation and as configuration: comments that tell, choices that compose."""
 
-from __future__ import annotations
-
 import re
 from copy import deepcopy
 from functools import cache

@@ -1,7 +1,5 @@
 """The examples run as they are typed, in an empty folder."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

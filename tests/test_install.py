@@ -1,7 +1,5 @@
 """The package as a stranger installs it: a wheel, without extras, away from the repository."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

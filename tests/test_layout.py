@@ -1,7 +1,5 @@
 """The rooms of the project and who may know whom; the size of files."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The stubs of MuJoCo: each name is there in the installed library, of the type that they say."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

@@ -6,8 +6,6 @@ A trajectory has as many steps as the task's longest episode; where an episode e
 one begins within it. Actions are drawn, as in training.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,15 +26,7 @@ STREAM = 7  # of randomness: the episodes' starts
 def demonstrate(
     policy: str | Path, trajectories: int, seed: int, path: Path, effects: str | Path | None = None
 ) -> Path:
-    """Let a trained policy act on the target and write the log.
-
-    Args:
-        policy: its run.
-        trajectories: how many, side by side.
-        seed: of starts and actions.
-        path: of the log.
-        effects: an effects.yaml that makes the target of the task's robot; None for the robot.
-    """
+    """Let a trained policy act on the target and write the log."""
     trained = load_policy(policy)
     fixed = () if effects is None else load_effects(effects)
     world = replace(trained.environment, tasks=Randomization(), fixed=fixed)

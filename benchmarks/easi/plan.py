@@ -18,21 +18,14 @@ ASSETS, SHIFTS = ROOT / "envs" / "assets", ROOT / "conf" / "shift"
 
 @dataclass(frozen=True)
 class Study:
-    """A task of the study.
+    """A task of the study."""
 
-    Args:
-        task: makes it.
-        model: file of its robot.
-        params: choice of conf/params: what uniform randomization draws.
-        published: the seed's figures, mean and deviation over runs, by row.
-        identify: settings of every EASI run.
-    """
-
-    task: type[Task]
-    model: str
-    params: str
+    task: type[Task]  # makes it
+    model: str  # file of its robot
+    params: str  # choice of conf/params: what uniform randomization draws
+    # the seed's figures, mean and deviation over runs, by row
     published: Mapping[str, tuple[float, float]]
-    identify: tuple[str, ...] = ()
+    identify: tuple[str, ...] = ()  # settings of every EASI run
 
     @property
     def path(self) -> Path:
@@ -95,21 +88,14 @@ STUDIES: dict[str, Study] = {
 
 @dataclass(frozen=True)
 class Row:
-    """A way to the robots of a training.
+    """A way to the robots of a training."""
 
-    Args:
-        name: of it and of its folder.
-        words: what it is.
-        identify: choice of conf/identify that finds the distribution; None for none.
-        budget: trajectories that it is given.
-        source: row whose distribution it uses in its own way; None for none.
-    """
-
-    name: str
-    words: str
+    name: str  # of it and of its folder
+    words: str  # what it is
+    # choice of conf/identify that finds the distribution; None for none
     identify: str | None = None
-    budget: int = 200
-    source: str | None = None
+    budget: int = 200  # trajectories that it is given
+    source: str | None = None  # row whose distribution it uses in its own way; None for none
 
 
 ROUNDS: tuple[tuple[Row, ...], ...] = (  # the most telling first
@@ -138,28 +124,17 @@ ENDED = (  # rows whose figures are those of the tag
 
 @dataclass(frozen=True)
 class Plan:
-    """What to run and where.
+    """What to run and where."""
 
-    Args:
-        name: of the task.
-        rows: names of those that are wanted.
-        seeds: of training.
-        out: folder of the runs.
-        results: folder of tables and pictures.
-        frames: environment steps of a training; None for the experiment's own.
-        training: further settings of every training.
-        identify: further settings of every EASI run.
-        target: another target than the robot as its model says: conf/shift/<task>_<target>.yaml.
-    """
-
-    name: str
-    rows: tuple[str, ...]
-    seeds: tuple[int, ...]
-    out: Path
-    results: Path
-    frames: int | None = None
-    training: tuple[str, ...] = ()
-    identify: tuple[str, ...] = ()
+    name: str  # of the task
+    rows: tuple[str, ...]  # names of those that are wanted
+    seeds: tuple[int, ...]  # of training
+    out: Path  # folder of the runs
+    results: Path  # folder of tables and pictures
+    frames: int | None = None  # environment steps of a training; None for the experiment's own
+    training: tuple[str, ...] = ()  # further settings of every training
+    identify: tuple[str, ...] = ()  # further settings of every EASI run
+    # another target than the robot as its model says: conf/shift/<task>_<target>.yaml
     target: str | None = None
 
     @property

@@ -5,24 +5,18 @@
 Evolution strategies train under uniform randomization; the policy walks on the robot, which hides
 softer servos, friction and a late bus (conf/shift/quad8_servos.yaml; `--target` names another);
 EASI finds their parameters from what it saw and said there, and a policy is trained under what it
-found. All policies walk on the robot. On a stand, the robot's joints are driven along a chirp and
-many sines, and simulations of that are compared with them: angles, and frequency responses.
+found. All policies walk on the robot.
 """
-
-from __future__ import annotations
 
 import sys
 from pathlib import Path
 
 from benchmarks.easi.plan import Plan, Row
-from benchmarks.easi.response import record
 from benchmarks.easi.steps import identify, in_rounds, looked_for
 from benchmarks.robots import mean, phases, timed
 from benchmarks.study import sim2real, trained
-from hardware.config import Robot
 from hardware.errors import HardwareError
 from sim2real.config.compose import compose, instantiate
-from sim2real.deployment.deploy import configure_robot
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import folder_lock, write_text
 
@@ -35,19 +29,7 @@ FRESH = 1000  # added to a seed: demonstrations start otherwise than what is jud
 
 def run(plan: Plan) -> int:
     """Do all that is not yet done; return how many jobs failed, the others went on."""
-    record(robot(plan), stand(plan), 0)
     return in_rounds(plan, follow)
-
-
-def robot(plan: Plan) -> Robot:
-    """Return the emulated robot and what it hides."""
-    words = ["run=record", f"robot={ROBOT}", f"robot.hidden={plan.effects}"]
-    return configure_robot(compose(words)["robot"], None, None)
-
-
-def stand(plan: Plan) -> Path:
-    """Return the folder of the recordings on the stand."""
-    return plan.out / plan.label / "stand"
 
 
 def follow(plan: Plan, row: Row, seed: int) -> bool:

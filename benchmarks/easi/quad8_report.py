@@ -1,16 +1,8 @@
-"""What EASI on quad8 came to: lines of easi.csv, a page, and the joints' frequency responses."""
-
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
-import numpy as np
+"""What EASI on quad8 came to: lines of easi.csv, and a page."""
 
 from benchmarks.easi.plan import ROUNDS, Plan, Row, truth
-from benchmarks.easi.quad8 import ROWS, TRIALS, returned, stand
+from benchmarks.easi.quad8 import ROWS, TRIALS, returned
 from benchmarks.easi.report import COLUMNS, compared, figures_of, interval, merged, settings
-from benchmarks.easi.response import Answer, apart, measured, played, response, simulated, tracking
 from benchmarks.easi.steps import prior
 from benchmarks.robots import cpu_minutes
 from envs.distribution import Distribution
@@ -18,19 +10,17 @@ from envs.distribution_file import read
 from envs.effects import load_effects
 from sim2real.identification.outcome import FILE
 from sim2real.runs.checkpoint import find, read_metadata
-from sim2real.runs.figures import COLOURS, INK, figure
 from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
 
-DRAWS, OUTER = 30, (5, 95)  # simulations of each distribution; percentiles of the bands
 WORDS = {"udr": "the ranges of params=quad8_servos", "oracle": "what the robot hides"}
 
 
 def report(plan: Plan) -> None:
     """Write what is complete; figures of other tasks, and of seeds that are not here, stay."""
     own, row = merged(plan, lines(plan)), most(plan)
-    shown, found = answers(plan, row), identified(plan, row)
-    if not own and not shown:
+    found = identified(plan, row)
+    if not own:
         return
     parts = [
         f"# EASI on {plan.name}, the emulated robot",
@@ -41,13 +31,10 @@ def report(plan: Plan) -> None:
         *sorted({f"* {line['row']}: {line['settings'] or 'none'}" for line in own}),
         "",
         earned(plan, own, row),
-        joints(shown) if shown else "",
         parameters(plan, found) if found else "",
     ]
     plan.results.mkdir(parents=True, exist_ok=True)
     write_text(plan.results / f"easi_{plan.label}.md", "\n".join(parts).rstrip() + "\n")
-    if shown:
-        draw(shown, plan.results / f"easi_{plan.label}.png")
 
 
 def most(plan: Plan) -> Row:
@@ -116,46 +103,6 @@ def identified(plan: Plan, row: Row) -> list[Distribution]:
     return [read(file) for file in sorted((plan.out / plan.label).glob(name))]
 
 
-def answers(plan: Plan, row: Row) -> dict[str, Answer]:
-    """Return how joints answer on the stand: the robot, and simulations; {} without a recording."""
-    place = stand(plan)
-    if not (place / "a.csv").is_file():
-        return {}
-    before = prior(plan.home)
-    neutral = np.array([[truth(plan.home, before.effects)[name] for name in before.names]])
-    found = {"the robot": measured(place), "model as given": played(place, before.effects, neutral)}
-    found["uniform randomization"] = simulated(place, before, DRAWS, 0)
-    after = identified(plan, row)
-    if after:
-        every = [simulated(place, one, max(1, DRAWS // len(after)), 0) for one in after]
-        angle = np.concatenate([one.angle for one in every])
-        found[f"EASI, {row.budget} trajectories"] = every[0]._replace(angle=angle)
-    return found
-
-
-def joints(shown: dict[str, Answer]) -> str:
-    """Return the table of how far simulations of the stand are from the robot."""
-    table = Table(
-        ("simulated under", "draws", "angles off (RMS, degrees)", "frequency response off")
-    )
-    real = shown["the robot"]
-    for name, one in list(shown.items())[1:]:
-        off, gap = np.degrees(tracking(real, one)), apart(real, one)
-        table.add(name, len(off), spread(off), spread(gap))
-    table.notes.append(
-        "Median of the draws, and their least and largest. The frequency response is that of "
-        "angles to commands; its distance is the mean over a chirp's frequencies."
-    )
-    return f"## The joints on a stand\n\n{table.markdown()}"
-
-
-def spread(values: np.ndarray) -> str:
-    """Return median, least and largest; alone for one value."""
-    if len(values) == 1:
-        return f"{values[0]:.3g}"
-    return f"{np.median(values):.3g} ({values.min():.3g} to {values.max():.3g})"
-
-
 def parameters(plan: Plan, found: list[Distribution]) -> str:
     """Return the table of what EASI found beside what is hidden."""
     before = found[0]
@@ -166,40 +113,3 @@ def parameters(plan: Plan, found: list[Distribution]) -> str:
         means = ", ".join(f"{one.mean[i]:.3g} ± {one.std[i]:.1g}" for one in found)
         table.add(name, true[name], f"{law.low:.3g} to {law.high:.3g}", means)
     return f"## Parameters\n\n{table.markdown()}"
-
-
-def draw(shown: dict[str, Answer], path: Path) -> None:
-    """Draw gain and lag of the joints over frequency, bands for distributions."""
-    colours = dict(zip(list(shown)[1:], (INK, COLOURS[1], COLOURS[0]), strict=False))
-    with figure(path, 1, 2, (8.4, 3.0)) as (_, axes):
-        for ax, take, label in zip(
-            np.ravel(axes), (gain, lag), ("gain of angle to command", "lag (degrees)"), strict=True
-        ):
-            for name, one in shown.items():
-                curve(ax, one, take, name, colours.get(name, INK))
-            ax.set_xlabel("frequency (Hz)")
-            ax.set_ylabel(label)
-        np.ravel(axes)[0].legend(fontsize=7)
-
-
-def gain(values: np.ndarray) -> np.ndarray:
-    """Return the size of frequency responses."""
-    return np.abs(values)
-
-
-def lag(values: np.ndarray) -> np.ndarray:
-    """Return by how much angles are behind commands [degrees]."""
-    return -np.degrees(np.unwrap(np.angle(values), axis=-1))
-
-
-def curve(ax: Any, one: Answer, take: Any, name: str, colour: str) -> None:
-    """Draw a line, or for draws a band and their median."""
-    frequency, values = response(one)
-    values = take(values)
-    if len(values) > 1:
-        low, high = np.percentile(values, OUTER, axis=0)
-        ax.fill_between(frequency, low, high, color=colour, alpha=0.25, lw=0)
-        ax.plot(frequency, np.median(values, axis=0), color=colour, lw=1.2, label=f"{name}: 90 %")
-    else:
-        style = "-" if name == "the robot" else ":"
-        ax.plot(frequency, values[0], color=colour, ls=style, label=name)

@@ -1,13 +1,11 @@
 """What EASI's study came to: easi.csv, a page and a picture for each task."""
 
-from __future__ import annotations
-
-import csv
 from pathlib import Path
 
 import numpy as np
 import yaml
 
+from benchmarks.cases import read_csv
 from benchmarks.easi.plan import ENDED, ROUNDS, ROWS, Plan, truth
 from benchmarks.easi.steps import prior
 from benchmarks.robots import cpu_minutes
@@ -107,14 +105,7 @@ def folders(plan: Plan, name: str, seed: int) -> list[Path]:
 
 
 def page(plan: Plan, figures: Figures, steps: list[int], told: list[str]) -> str:
-    """Return the page of a task.
-
-    Args:
-        plan: the study.
-        figures: of the runs that are complete.
-        steps: of the trainings, each number once.
-        told: settings beside the study's, by row.
-    """
+    """Return the page of a task."""
     table = Table(("robots of the training", "the seed", "ours", "seeds"))
     for rows in (*ROUNDS, ENDED):
         for row in rows:
@@ -260,11 +251,3 @@ def histories(folder: Path) -> np.ndarray | None:
         count = len([name for name in arrays.files if name.startswith("asked.")])
         asked = [arrays[f"asked.{i}"] for i in range(count)]
     return np.array([(points.mean(axis=0), points.std(axis=0)) for points in asked])
-
-
-def read_csv(path: Path) -> list[dict[str, str]]:
-    """Return the rows of a table; none if it is not there."""
-    if not path.is_file():
-        return []
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))

@@ -1,7 +1,5 @@
 """The steps of one seed, each skipped where it is done and continued where it was stopped."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -31,10 +29,6 @@ def run(plan: Plan) -> int:
 
 def in_rounds(plan: Plan, follow: Callable[[Plan, Row, int], bool]) -> int:
     """Follow the wanted rows, the most telling ones of all seeds first.
-
-    Args:
-        plan: the study.
-        follow: does what is not yet done of a row with a seed; returns whether it is there.
 
     Returns:
         How many jobs failed; the others went on.
@@ -172,15 +166,7 @@ def prior_file(plan: Plan) -> Path:
 
 
 def identify(plan: Plan, folder: Path, log: Path, seed: int, words: tuple[str, ...]) -> Path | None:
-    """Run one identification, from where it stopped; return its file, None where it failed.
-
-    Args:
-        plan: the study.
-        folder: of the run.
-        log: the demonstrations.
-        seed: of the run.
-        words: its method, prior and settings.
-    """
+    """Run one identification, from where it stopped; return its file, None where it failed."""
     if not (folder / FILE).is_file():
         begun = (folder / "journal.npz").is_file()
         with timed(folder):

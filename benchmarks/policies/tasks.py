@@ -7,8 +7,6 @@ Each task is one of ours with another interface: what the policy sees and what b
 action follow the description and nothing else.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -142,17 +140,11 @@ def pointer() -> Pointer:
 
 @dataclass(frozen=True)
 class Policy:
-    """A policy of another library.
+    """A policy of another library."""
 
-    Attributes:
-        library: that trained it; also the name of its files.
-        robot: what it drives.
-        task: makes its task.
-    """
-
-    library: str
-    robot: str
-    task: Callable[[], ServoTask]
+    library: str  # that trained it; also the name of its files
+    robot: str  # what it drives
+    task: Callable[[], ServoTask]  # makes its task
 
     @property
     def file(self) -> Path:

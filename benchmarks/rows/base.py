@@ -7,8 +7,6 @@
 Rows run in turns, so a row must stay idle between its runs.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from importlib.util import find_spec
 from typing import NamedTuple

@@ -4,19 +4,13 @@ The run restarts from one seed each time, so that each run makes the same steps,
 be recorded once.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any, ClassVar
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import (
-    AddStateIndependentNormalScale,
-    TensorDictModule,
-    TensorDictModuleBase,
-)
+from tensordict.nn import AddStateIndependentNormalScale, TensorDictModule, TensorDictModuleBase
 from torch import nn
 from torchrl.collectors import Collector
 from torchrl.envs import Compose, EnvBase, TransformedEnv
@@ -44,9 +38,6 @@ class Actor(TensorDictModuleBase):
 
     It reads and writes the tensordict by itself: `TensorDictModule` looks for pandas in the file
     system at each call where it is not installed, which costs 0.2 ms.
-
-    Args:
-        gait: which policy.
     """
 
     in_keys: ClassVar[list[str]] = ["observation"]
@@ -62,15 +53,7 @@ class Actor(TensorDictModuleBase):
 
 
 class BatchedEnv(Row):
-    """`step_and_maybe_reset` with the policy in the loop.
-
-    Args:
-        name: the row's.
-        num_rows: N.
-        steps: control steps of each row a run.
-        gait: which policy.
-        of: its raw physics.
-    """
+    """`step_and_maybe_reset` with the policy in the loop."""
 
     memory = "batched"
 
@@ -123,18 +106,7 @@ class BatchedEnv(Row):
 
 
 class Collected(Row):
-    """A TorchRL collector.
-
-    Args:
-        name: the row's.
-        simulations: N.
-        make: returns the environment.
-        frames: environment steps a batch.
-        batches: timed batches a run.
-        gait: which policy.
-        setup: in words.
-        of: the row that divides.
-    """
+    """A TorchRL collector."""
 
     def __init__(
         self,
@@ -185,14 +157,6 @@ class TrainingCollected(Collected):
 
     The normalizer begins with what it would converge to, and the actions' deviation is small, so
     that the robots do what they do in the other rows.
-
-    Args:
-        name: the row's.
-        kind: of collector.
-        frames: environment steps a batch.
-        batches: timed batches a run.
-        gait: which policy.
-        setup: in words.
     """
 
     def __init__(

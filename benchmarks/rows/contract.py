@@ -3,8 +3,6 @@
 The log is read from its file, and the policy from its export, each time.
 """
 
-from __future__ import annotations
-
 import tempfile
 import time
 from dataclasses import replace
@@ -27,13 +25,7 @@ SWAPPED = ("hip_fl", "hip_fr")  # joints that the policy sees in each other's pl
 
 
 class CheckContract(Row):
-    """One check; the rate is seconds of log a second.
-
-    Args:
-        name: of the row.
-        faulty: whether two joints are swapped in what the policy sees.
-        seconds: of the log.
-    """
+    """One check; the rate is seconds of log a second."""
 
     of = None
     unit = "s of log"

@@ -92,14 +92,7 @@ class Worked(NamedTuple):
 
 
 class Worker(Row):
-    """A row whose work is done by a function in a process of its own.
-
-    Args:
-        work: takes the logs and the model.
-        joints: of the arm.
-        seconds: of each log.
-        logs: how many.
-    """
+    """A row whose work is done by a function in a process of its own."""
 
     of = None
 
@@ -133,15 +126,7 @@ class Worker(Row):
 
 
 class Diagnose(Worker):
-    """The whole diagnosis with all its candidates; the rate is seconds of log a second.
-
-    Args:
-        name: of the row.
-        joints: of the arm.
-        seconds: of each log.
-        logs: how many.
-        long: see `Row`.
-    """
+    """The whole diagnosis with all its candidates; the rate is seconds of log a second."""
 
     unit = "s of log"
 
@@ -155,12 +140,7 @@ class Diagnose(Worker):
 
 
 class Fit(Worker):
-    """Six values fitted to a log of three joints, by this project or by mujoco.sysid.
-
-    Args:
-        by: who fits.
-        seconds: of the log.
-    """
+    """Six values fitted to a log of three joints, by this project or by mujoco.sysid."""
 
     unit = "replays"
 

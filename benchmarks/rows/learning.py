@@ -4,8 +4,6 @@ Stable-Baselines3 runs as `PPO("MlpPolicy", "Hopper-v5")` does, on the CPU with 
 which it is fastest beside nothing else. Each row goes on training from where its last run stopped.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from importlib import import_module
@@ -80,13 +78,7 @@ class Ours(Row):
 
 
 class StableBaselines3(Row):
-    """One of its algorithms with its defaults; TRPO is in its package of contributions.
-
-    Args:
-        name: of the row.
-        algorithm: "PPO", "SAC" or "TRPO".
-        amount: environment steps of a run; after SAC's first ones each is an update, too.
-    """
+    """One of its algorithms with its defaults; TRPO is in its package of contributions."""
 
     of = None
 
@@ -114,11 +106,7 @@ class StableBaselines3(Row):
 
 
 class TorchRLPPO(Row):
-    """PPO put together of TorchRL's parts with the settings of its own MuJoCo example.
-
-    Args:
-        amount: environment steps of a run, at least.
-    """
+    """PPO put together of TorchRL's parts with the settings of its own MuJoCo example."""
 
     name = "ppo_torchrl_sota"
     of = "ppo_sb3"

@@ -5,8 +5,6 @@ passes, with its networks; the steps are random numbers, which cost what those o
 update is a gradient step of a member.
 """
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 from typing import Any
@@ -48,11 +46,7 @@ def steps_of(members: int, steps: int) -> RolloutBatch:
 
 
 class Members(Row):
-    """All members at once, as evolution strategies train them.
-
-    Args:
-        members: how many; blocks of 32 waste nothing.
-    """
+    """All members at once, as evolution strategies train them."""
 
     name, of, unit = "ppo_members", "ppo_members_torchrl", "updates"
 
@@ -82,11 +76,7 @@ class Members(Row):
 
 
 class MembersTorchRL(Row):
-    """One member after the other: `GAE`, `ClipPPOLoss` and `torch.optim.Adam`, fused.
-
-    Args:
-        members: how many.
-    """
+    """One member after the other: `GAE`, `ClipPPOLoss` and `torch.optim.Adam`, fused."""
 
     name, of, unit = "ppo_members_torchrl", None, "updates"
 

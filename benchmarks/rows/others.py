@@ -3,8 +3,6 @@
 None of them randomizes physics here: it is left out in their favour.
 """
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

@@ -10,8 +10,6 @@ of the row that is compared, bit for bit. The clock runs while controls are writ
 step, and stops during resets: what a reset costs is charged to the rows above, not to physics.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import NamedTuple
@@ -103,13 +101,7 @@ class Recorder(Watched):
 
 
 class Replay:
-    """A batch of its own that repeats a tape.
-
-    Args:
-        num_rows: N.
-        tape: what to do; it starts every row before it advances it.
-        threads: CPU threads.
-    """
+    """A batch of its own that repeats a tape."""
 
     def __init__(self, num_rows: int, tape: Tape, threads: int) -> None:
         self.batch = Batch(Hopper().spec().compile(), num_rows, threads)
@@ -143,15 +135,7 @@ class Replay:
 
 
 class RawPhysics(Row):
-    """The replay of another row.
-
-    Args:
-        name: the row's.
-        num_rows: N.
-        record: returns the tape; called once, when the row is built.
-        threads: CPU threads.
-        of: the row that divides; None for the ceiling itself.
-    """
+    """The replay of another row."""
 
     def __init__(
         self,

@@ -1,7 +1,5 @@
 """Environment steps whose observation is an image of 84 x 84, under random actions."""
 
-from __future__ import annotations
-
 import os
 import time
 

@@ -5,8 +5,6 @@ a random part of it with Gymnasium in two worker processes, `Evaluation.tape` is
 replays of it.
 """
 
-from __future__ import annotations
-
 import heapq
 import multiprocessing
 import time
@@ -154,14 +152,7 @@ def _tape(begins: dict[int, list[tuple[int, Episode]]], num_rows: int) -> Tape:
 
 
 class ESPopulation(Row):
-    """This project's population.
-
-    Args:
-        name: the row's.
-        job: what it evaluates.
-        num_rows: of each shard.
-        of: its raw physics.
-    """
+    """This project's population."""
 
     memory = "batched"
     refill = 8  # as in conf/algorithm/esmaml.yaml
@@ -187,15 +178,7 @@ class ESPopulation(Row):
 
 
 class TwoProcesses(Row):
-    """Worker processes that take the members one at a time, in Gymnasium.
-
-    Args:
-        name: the row's.
-        job: what it evaluates a part of.
-        episodes: how many it takes, at random.
-        kind: what computes the policy.
-        of: the raw physics of the job.
-    """
+    """Worker processes that take the members one at a time, in Gymnasium."""
 
     simulations = THREADS
 

@@ -5,8 +5,6 @@ logs encoders and IMU alone. The policy that is priced is one of linear feedback
 what a step of any small policy does.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import tempfile
 import time
@@ -33,12 +31,7 @@ CAUSES: tuple[tuple[str, str | None, float], ...] = (
 
 
 class DiagnoseWalks(Worker):
-    """The ground mode's diagnosis with all its candidates; the rate is seconds of log a second.
-
-    Args:
-        name: of the row.
-        episodes: walks of 3 s each.
-    """
+    """The ground mode's diagnosis with all its candidates; the rate is seconds of log a second."""
 
     unit = "s of log"
 
@@ -62,12 +55,7 @@ class DiagnoseWalks(Worker):
 
 
 class PriceCauses(Row):
-    """The price of four causes in 16 robots; the rate is episodes a second.
-
-    Args:
-        name: of the row.
-        episodes: on each robot.
-    """
+    """The price of four causes in 16 robots; the rate is episodes a second."""
 
     of = None
     unit = "episodes"

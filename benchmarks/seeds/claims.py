@@ -9,8 +9,6 @@ runs of one seed are compared with each other. A verdict over fewer than five ru
 intervals are known to be too narrow.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -27,20 +25,14 @@ KEYS = {"claim", "left", "is", "right", "by", "times", "paired"}
 
 @dataclass(frozen=True)
 class Verdict:
-    """An answer to a claim.
+    """An answer to a claim."""
 
-    Attributes:
-        claim: in words.
-        answer: holds, contradicted, undecided, or "not run".
-        by: by how much left is on its side of right, with its interval over runs; None where
-            nothing can be compared.
-        few: whether a side has fewer runs than an interval needs to be trusted.
-    """
-
-    claim: str
-    answer: str
+    claim: str  # in words
+    answer: str  # holds, contradicted, undecided, or "not run"
+    # by how much left is on its side of right, with its interval over runs; None where nothing
+    # can be compared
     by: Interval | float | None = None
-    few: bool = False
+    few: bool = False  # whether a side has fewer runs than an interval needs to be trusted
 
     def __str__(self) -> str:
         """Say it in one line."""

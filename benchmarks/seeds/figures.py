@@ -8,8 +8,6 @@ list of two numbers is a range. Where a run has several rows, as a grid has cell
 counts.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ from the committed tables of results. A row whose results are not there says "no
 it takes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,21 +43,13 @@ holds the figures of the seeds with their sources.
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the page.
+    """A row of the page."""
 
-    Attributes:
-        about: what `rows.yaml` says of it.
-        found: our figures, by measure.
-        verdicts: of its claims.
-        hours: processor time that all its runs take [h]; None where another row pays.
-        estimated: whether the hours are a forecast; else they were measured.
-    """
-
-    about: Mapping[str, Any]
-    found: Mapping[str, Found]
-    verdicts: Sequence[Verdict]
-    hours: float | None
-    estimated: bool
+    about: Mapping[str, Any]  # what `rows.yaml` says of it
+    found: Mapping[str, Found]  # our figures, by measure
+    verdicts: Sequence[Verdict]  # of its claims
+    hours: float | None  # processor time that all its runs take [h]; None where another row pays
+    estimated: bool  # whether the hours are a forecast; else they were measured
 
     @property
     def run(self) -> bool:
@@ -118,12 +108,7 @@ def _row(
 
 
 def page(content: Mapping[str, Any], folder: Path) -> str:
-    """Return the page as Markdown.
-
-    Args:
-        content: of `rows.yaml`.
-        folder: of the committed results.
-    """
+    """Return the page as Markdown."""
     every = rows(content, folder)
     parts = [HEAD, _summary(every)]
     for seed, title in content["seeds"].items():

@@ -6,9 +6,6 @@ Each run has a folder of its own: what is complete is skipped, what was interrup
 of these programs may run at once and share the work.
 """
 
-from __future__ import annotations
-
-import csv
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -18,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.cases import read_csv
 from benchmarks.robots import cpu_minutes, timed
 from benchmarks.study import sim2real, trained
 from sim2real.evaluation.scores import GridScores
@@ -93,12 +91,7 @@ def evaluate(policy: Path, seed: int, words: Sequence[str], folder: Path) -> boo
 
 
 def figures(folder: Path, then: bool = False) -> Iterator[tuple[str, float, int]]:
-    """Yield name, value and training steps of each figure of a complete run.
-
-    Args:
-        folder: the run's.
-        then: whether those of the evaluation after it are meant.
-    """
+    """Yield name, value and training steps of each figure of a complete run."""
     folder = folder / THEN if then else folder
     if (folder / "evaluation.json").is_file():
         scores = GridScores.read(folder)
@@ -112,7 +105,7 @@ def figures(folder: Path, then: bool = False) -> Iterator[tuple[str, float, int]
 
 def collect(plan: Plan) -> None:
     """Put the figures of all complete runs into the table; those of other machines stay."""
-    rows = {_key(row): row for row in read(plan.table)}
+    rows = {_key(row): row for row in read_csv(plan.table)}
     for name, overrides in plan.trainings.items():
         for folder in sorted((plan.out / name).glob("seed*")):
             seed = folder.name.removeprefix("seed")
@@ -129,14 +122,6 @@ def collect(plan: Plan) -> None:
     lines = [",".join(COLUMNS)]
     lines += [",".join(_field(row[c]) for c in COLUMNS) for _, row in sorted(rows.items())]
     write_text(plan.table, "\n".join(lines) + "\n")
-
-
-def read(table: Path) -> list[dict[str, str]]:
-    """Return the rows of a table of figures; none if it is not there."""
-    if not table.is_file():
-        return []
-    with table.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def _key(row: Mapping[str, str]) -> tuple[str, int, str]:

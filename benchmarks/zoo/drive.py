@@ -7,8 +7,6 @@ Actuators follow sums of three sines within their ranges. The joint is drawn amo
 driven, else among all hinges and slides; its friction is a share of the torque that moves it.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

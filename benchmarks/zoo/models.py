@@ -3,8 +3,6 @@
 for model in models(): model.write(folder)      # folder/NAME.xml, or .urdf with its servos
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec

@@ -6,15 +6,7 @@
 `EFFECTS` maps the names of the vocabulary to classes; `register` adds one of the user's own.
 """
 
-from __future__ import annotations
-
-from envs.effects.appearance import (
-    CameraShift,
-    CameraTurn,
-    Colour,
-    LightDirection,
-    LightLevel,
-)
+from envs.effects.appearance import CameraShift, CameraTurn, Colour, LightDirection, LightLevel
 from envs.effects.base import Effect, Extra, Sizes
 from envs.effects.bound import BoundEffect, CommandRule, Measurement, SubstepRule
 from envs.effects.clock import ClockDrift
@@ -26,11 +18,7 @@ from envs.effects.eccentricity import EncoderEccentricity
 from envs.effects.field import FieldEffect
 from envs.effects.file import load_effects, write_effects
 from envs.effects.friction import Armature, CoulombFriction, ViscousFriction
-from envs.effects.friction_rules import (
-    AsymmetricFriction,
-    LoadDependentFriction,
-    StribeckFriction,
-)
+from envs.effects.friction_rules import AsymmetricFriction, LoadDependentFriction, StribeckFriction
 from envs.effects.goal import Goal
 from envs.effects.hysteresis import HystereticCompliance
 from envs.effects.imu import GyroBias, GyroScale, ImuDelay, ImuMounting
@@ -40,12 +28,7 @@ from envs.effects.merge import merge_effects
 from envs.effects.registry import EFFECTS, make, register
 from envs.effects.sampling import ObservationDelay
 from envs.effects.scale import RobotScale
-from envs.effects.sensing import (
-    EncoderOffset,
-    Quantization,
-    SensorNoise,
-    VelocityFilter,
-)
+from envs.effects.sensing import EncoderOffset, Quantization, SensorNoise, VelocityFilter
 from envs.effects.servo import DeadZone, DerivativeGain, PositionGain, TorqueLimit
 from envs.effects.strength import MotorStrength
 from envs.effects.structure import Backlash, JointCompliance

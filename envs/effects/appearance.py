@@ -4,7 +4,7 @@ They belong to the same parameter space as the physical ones: an episode draws i
 light and where the camera stands as it draws masses and frictions.
 """
 
-from __future__ import annotations
+from typing import ClassVar, Literal
 
 import mujoco
 import numpy as np
@@ -15,7 +15,6 @@ from envs.effects.inertia import rotations
 from envs.effects.places import find
 from envs.effects.plant_view import PlantView
 from envs.errors import EffectError
-from envs.params import Parameter
 
 UNPAINTED = np.array([0.5, 0.5, 0.5, 1.0])  # a geom of this colour shows its material's
 
@@ -28,6 +27,12 @@ class Appearance(Effect):
     symptom = "nothing in a log: only images change"
     source = "appearance randomization, Tobin et al. 2017"
     experiment = "photographs of the robot at several times of the day"
+    part: ClassVar[Literal["light", "camera"]]  # what the model must have
+
+    def check(self, model: mujoco.MjModel) -> None:
+        """Raise EffectError for a model without such a part."""
+        if not {"light": model.nlight, "camera": model.ncam}[self.part]:
+            raise EffectError(f"the model has no {self.part}; add one to its MJCF")
 
 
 class Colour(Appearance):
@@ -39,11 +44,11 @@ class Colour(Appearance):
     unit = "1"
     composes = True
     typical = (-0.3, 0.3)
+    limits, components = (-1.0, 1.0), ("red", "green", "blue")
 
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the offsets of red, green and blue."""
+    def check(self, model: mujoco.MjModel) -> None:
+        """Raise EffectError for a body without geoms."""
         self._geoms(model)
-        return tuple(self.parameter(c, low=-1.0, high=1.0) for c in ("red", "green", "blue"))
 
     def _geoms(self, model: mujoco.MjModel) -> np.ndarray:
         body = find(model, "body", self.where)
@@ -78,6 +83,15 @@ class _Paint(BoundEffect):
             self._rgba[at] = base
 
 
+class _Dimmer(BoundEffect):
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
+        self._fields = [plant.field(name) for name in ("light_diffuse", "light_ambient")]
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        for field in self._fields:
+            field[ids] *= values[:, :1, None]
+
+
 class LightLevel(Appearance):
     """A factor on what all the lights of the model give; the camera's own headlight stays."""
 
@@ -88,24 +102,21 @@ class LightLevel(Appearance):
     unit = "factor"
     composes = True
     typical = (0.5, 1.5)
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the factor."""
-        _need(model.nlight, "light")
-        return (self.parameter(low=0.0, high=10.0),)
-
-    def bind(self, plant: PlantView) -> BoundEffect:
-        """Write the lights of each row."""
-        return _Dimmer(plant)
+    limits = (0.0, 10.0)
+    part = "light"
+    law = _Dimmer
 
 
-class _Dimmer(BoundEffect):
-    def __init__(self, plant: PlantView) -> None:
-        self._fields = [plant.field(name) for name in ("light_diffuse", "light_ambient")]
+class _Beam(BoundEffect):
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
+        self._direction = plant.field("light_dir")  # (N, nlight, 3)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
-        for field in self._fields:
-            field[ids] *= values[:, :1, None]
+        turned = values.any(axis=1)
+        ids, values = ids[turned], values[turned]
+        if len(ids):
+            turns = _about(1, values[:, 1]) @ _about(0, values[:, 0])
+            self._direction[ids] = self._direction[ids] @ turns.transpose(0, 2, 1)
 
 
 class LightDirection(Appearance):
@@ -117,27 +128,19 @@ class LightDirection(Appearance):
     unit = "rad"
     constants = True
     typical = (-0.5, 0.5)
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the two angles."""
-        _need(model.nlight, "light")
-        return tuple(self.parameter(axis, low=-np.pi, high=np.pi) for axis in ("x", "y"))
-
-    def bind(self, plant: PlantView) -> BoundEffect:
-        """Write the lights' directions of each row."""
-        return _Beam(plant)
+    limits = (-np.pi, np.pi)
+    components = ("x", "y")
+    part = "light"
+    law = _Beam
 
 
-class _Beam(BoundEffect):
-    def __init__(self, plant: PlantView) -> None:
-        self._direction = plant.field("light_dir")  # (N, nlight, 3)
+class _Stand(BoundEffect):
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
+        self._position = plant.field("cam_pos")  # (N, ncam, 3)
+        self._axes = rotations(plant.model.cam_quat)  # (ncam, 3, 3), columns: right, up, back
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
-        turned = values.any(axis=1)
-        ids, values = ids[turned], values[turned]
-        if len(ids):
-            turns = _about(1, values[:, 1]) @ _about(0, values[:, 0])
-            self._direction[ids] = self._direction[ids] @ turns.transpose(0, 2, 1)
+        self._position[ids] += np.einsum("cij,nj->nci", self._axes, values)
 
 
 class CameraShift(Appearance):
@@ -150,48 +153,13 @@ class CameraShift(Appearance):
     constants = True
     composes = True
     typical = (-0.2, 0.2)
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the three distances."""
-        _need(model.ncam, "camera")
-        return tuple(self.parameter(way) for way in ("right", "up", "back"))
-
-    def bind(self, plant: PlantView) -> BoundEffect:
-        """Write the cameras' positions of each row."""
-        return _Stand(plant)
-
-
-class _Stand(BoundEffect):
-    def __init__(self, plant: PlantView) -> None:
-        self._position = plant.field("cam_pos")  # (N, ncam, 3)
-        self._axes = rotations(plant.model.cam_quat)  # (ncam, 3, 3), columns: right, up, back
-
-    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
-        self._position[ids] += np.einsum("cij,nj->nci", self._axes, values)
-
-
-class CameraTurn(Appearance):
-    """The cameras' rotation from the model's orientations: right, then up."""
-
-    name = "camera_turn"
-    engines = BOTH
-    place = "robot"
-    unit = "rad"
-    constants = True
-    typical = (-0.1, 0.1)
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the two angles."""
-        _need(model.ncam, "camera")
-        return tuple(self.parameter(way, low=-np.pi, high=np.pi) for way in ("right", "up"))
-
-    def bind(self, plant: PlantView) -> BoundEffect:
-        """Write the cameras' orientations of each row."""
-        return _Aim(plant)
+    components = ("right", "up", "back")
+    part = "camera"
+    law = _Stand
 
 
 class _Aim(BoundEffect):
-    def __init__(self, plant: PlantView) -> None:
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
         self._quat = plant.field("cam_quat")  # (N, ncam, 4)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
@@ -205,6 +173,21 @@ class _Aim(BoundEffect):
                 mujoco.mju_mulQuat(self._quat[row, camera], own, turn)
 
 
+class CameraTurn(Appearance):
+    """How far the cameras look away from where the model has them look: right, then up."""
+
+    name = "camera_turn"
+    engines = BOTH
+    place = "robot"
+    unit = "rad"
+    constants = True
+    typical = (-0.1, 0.1)
+    limits = (-np.pi, np.pi)
+    components = ("right", "up")
+    part = "camera"
+    law = _Aim
+
+
 def _about(axis: int, angle: np.ndarray) -> np.ndarray:
     """Return rotations by angles (n,) about one of the axes, (n, 3, 3)."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
@@ -213,8 +196,3 @@ def _about(axis: int, angle: np.ndarray) -> np.ndarray:
     turn[:, i, i] = turn[:, j, j] = np.cos(angle)
     turn[:, j, i], turn[:, i, j] = np.sin(angle), -np.sin(angle)
     return turn
-
-
-def _need(count: int, what: str) -> None:
-    if count == 0:
-        raise EffectError(f"the model has no {what}; add one to its MJCF")

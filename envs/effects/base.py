@@ -12,8 +12,6 @@ An effect is absent at its parameters' neutral values: the plant then behaves as
 there.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Mapping, Sequence
@@ -71,6 +69,7 @@ class Effect:
     # What real robots show, in the first way; a fit starts inside.
     typical: ClassVar[tuple[float, float]] = (0.0, 1.0)
     limits: ClassVar[tuple[float, float]] = (-np.inf, np.inf)  # of its value
+    components: ClassVar[Sequence[str]] = ()  # names of its values, where it has several
     neutral: ClassVar[float | None] = None  # its value where it is absent; None: that of the way
     # Where a search looks first: factors of what it scales; values (K,) or (K, k), see `probes`.
     factors: ClassVar[tuple[float, ...]] = (0.5, 0.75, 1.3, 1.8)
@@ -93,7 +92,6 @@ class Effect:
     group: ClassVar[str] = ""  # PLAIN, RULES or "", alone: what it is simulated side by side with
     visible_in_replay: ClassVar[bool] = True  # False: noise, what a camera sees
     shared: ClassVar[bool] = False  # whether one value for all its places is tried as well
-    imitates: ClassVar[Mapping[str, str]] = {}  # by another at its joint: what both act like
     no_mjcf: ClassVar[str | None] = "its class does not declare that MJCF can"  # None: MJCF can
     own_mjcf: ClassVar[bool] = False  # whether `to_mjcf` writes it, and not its model fields
     comparable: ClassVar[bool] = False  # whether the emulator's law takes the same value
@@ -228,7 +226,9 @@ class Effect:
         """
         self.check(model)
         low, high = self.limits
-        return (self.parameter(low=low, high=high), *self.free_parameters())
+        names = [(name,) for name in self.components] or [()]
+        values = (self.parameter(*name, low=low, high=high) for name in names)
+        return (*values, *self.free_parameters())
 
     def bind(self, plant: PlantView) -> BoundEffect:
         """Connect the effect to a plant: by default its `law`."""

@@ -10,8 +10,6 @@ then as given:
    offset 30, noise 40, quantization 50, speed filter 60).
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import ClassVar
 

@@ -17,8 +17,6 @@ for any stiffness. Under `RK4`, which does not, bristles stiffer than the step c
 stiffest that it can.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 
@@ -97,13 +95,7 @@ class Bristles(SubstepRule):
         self._loss[at] = 0.0
         self._z[rows], self._decay[rows], self._running[rows] = z, decay, True
 
-    def _first(
-        self,
-        at: Block,
-        speed: Array,
-        stiffness: Array,
-        level: Array,
-    ) -> Array:
+    def _first(self, at: Block, speed: Array, stiffness: Array, level: Array) -> Array:
         """Return how far a start bends the bristles: a joint at rest is held as far as they can."""
         xp = self._xp
         held = xp.minimum(xp.maximum(self._smooth[at], -level), level)

@@ -1,7 +1,5 @@
 """A log's clock that runs at another rate than the robot's time."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from envs.effects.base import BOTH, PLAIN, Effect
@@ -12,7 +10,7 @@ from envs.effects.plant_view import PlantView
 class _Rate(BoundEffect):
     """See `ClockDrift`."""
 
-    def __init__(self, plant: PlantView) -> None:
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
         self._step, self._own = plant.field("opt.timestep"), plant.model.opt.timestep
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
@@ -41,7 +39,4 @@ class ClockDrift(Effect):
     first_values = (-0.03, -0.008, 0.008, 0.03)
     group = PLAIN
     limits = (-0.1, 0.1)
-
-    def bind(self, plant: PlantView) -> BoundEffect:
-        """Scale the time step of each row."""
-        return _Rate(plant)
+    law = _Rate

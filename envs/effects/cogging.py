@@ -1,7 +1,5 @@
 """The ripple of a motor's torque with its angle."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

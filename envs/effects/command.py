@@ -1,7 +1,5 @@
 """Effects between a command and the servo's goal: lost packets, delay, motion profile."""
 
-from __future__ import annotations
-
 import math
 import zlib
 from typing import Any, ClassVar, Literal
@@ -81,12 +79,12 @@ class _Loss(CommandRule):
 
     order = 10
 
-    def __init__(self, plant: PlantView, label: str) -> None:
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
         self.arrays, n = plant.arrays, plant.num_rows
         zeros = self.arrays.zeros
         self.value, self.held = zeros((n, 1)), zeros((n, plant.model.nu))
         self.count, self.seeds = zeros(n, np.int64), zeros(n, np.uint64)
-        self.stream = stream(label)
+        self.stream = stream(effect.label())
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         self.value[self.arrays.rows(ids)] = self.arrays.own(values[:, :1])
@@ -120,10 +118,7 @@ class PacketLoss(Effect):
     source = "held commands with independent losses; bus error counters"
     experiment = "count the failed status packets; no motion is needed"
     limits = (0.0, 1.0)
-
-    def bind(self, plant: PlantView) -> CommandRule:
-        """Hold commands at random."""
-        return _Loss(plant, self.label())
+    law = _Loss
 
 
 class Profile(SubstepRule):

@@ -1,7 +1,5 @@
 """Effects on how the robot touches the world."""
 
-from __future__ import annotations
-
 from copy import copy
 from dataclasses import replace
 from typing import Any, ClassVar, Literal

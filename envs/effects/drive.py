@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from envs.effects.base import BOTH, RULES, Extra
-from envs.effects.bound import BoundEffect, SubstepRule
+from envs.effects.bound import SubstepRule
 from envs.effects.history import DelayedCommands
 from envs.effects.places import block, joint_driven
 from envs.effects.plant_view import PlantView
@@ -25,8 +25,8 @@ NO_KNEE = 1e6  # rad/s: a motor whose torque does not fall with its speed
 class _DriveRule(SubstepRule):
     """Acts on k actuators at joints with one value a row."""
 
-    def __init__(self, plant: PlantView, index: np.ndarray) -> None:
-        model = plant.model
+    def __init__(self, plant: PlantView, effect: ActuatorEffect) -> None:
+        model, index = plant.model, effect.actuators(plant.model)
         self.plant, self.index, self.arrivals = plant, index, DelayedCommands.of(plant)
         self.gear = model.actuator_gear[index, 0]  # (k,)
         joint = model.actuator_trnid[index, 0]
@@ -77,8 +77,8 @@ class _Knee(_DriveRule):
 
     order = 42  # of the range that the supply leaves
 
-    def __init__(self, plant: PlantView, index: np.ndarray, effect: TorqueSpeedKnee) -> None:
-        super().__init__(plant, index)
+    def __init__(self, plant: PlantView, effect: TorqueSpeedKnee) -> None:
+        super().__init__(plant, effect)
         self.effect, self.no_load = effect, np.ones((plant.num_rows, 1))
         self.xp, self.turn = plant.arrays.xp, plant.arrays.own(np.sign(self.gear))
 
@@ -129,6 +129,7 @@ class TorqueSpeedKnee(ActuatorEffect):
     experiment = "the largest steps, up and down, at two supply voltages: the slope has a ceiling"
     group = RULES
     limits, neutral = (1e-3, NO_KNEE), NO_KNEE
+    law = _Knee
 
     @staticmethod
     def can(model: mujoco.MjModel, actuator: int) -> bool:
@@ -143,19 +144,15 @@ class TorqueSpeedKnee(ActuatorEffect):
             [(part * reached, 2.0) for part in (0.35, 0.55, 0.75, 1.0)] + [(0.8 * reached, 1.3)]
         )
 
-    def bind(self, plant: PlantView) -> BoundEffect:
-        """Narrow the range before each substep."""
-        return _Knee(plant, self.actuators(plant.model), self)
-
 
 class _Lag(_DriveRule):
     """See `ActuatorLag`."""
 
     order = 46  # after everything that changes the law or its limit
 
-    def __init__(self, plant: PlantView, index: np.ndarray) -> None:
-        super().__init__(plant, index)
-        self.force = np.zeros((plant.num_rows, len(index)))
+    def __init__(self, plant: PlantView, effect: ActuatorEffect) -> None:
+        super().__init__(plant, effect)
+        self.force = np.zeros((plant.num_rows, len(self.index)))
         self.running = np.zeros(plant.num_rows, dtype=bool)
 
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
@@ -191,6 +188,7 @@ class ActuatorLag(ActuatorEffect):
     limits = (0.0, np.inf)
     first_values = (0.003, 0.01, 0.03)
     group = RULES
+    law = _Lag
 
     @staticmethod
     def can(model: mujoco.MjModel, actuator: int) -> bool:
@@ -201,19 +199,15 @@ class ActuatorLag(ActuatorEffect):
         """Switch the force range on, which carries the torque."""
         limited(spec, self.where)
 
-    def bind(self, plant: PlantView) -> BoundEffect:
-        """Let each substep's torque follow the law."""
-        return _Lag(plant, self.actuators(plant.model))
-
 
 class _Integral(_DriveRule):
     """See `IntegralAction`."""
 
     order = 35  # after a dead zone, before the supply
 
-    def __init__(self, plant: PlantView, index: np.ndarray) -> None:
-        super().__init__(plant, index)
-        self.sum = np.zeros((plant.num_rows, len(index)))  # of the error [rad s]
+    def __init__(self, plant: PlantView, effect: ActuatorEffect) -> None:
+        super().__init__(plant, effect)
+        self.sum = np.zeros((plant.num_rows, len(self.index)))  # of the error [rad s]
 
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
         self.sum[ids] = 0.0
@@ -247,11 +241,8 @@ class IntegralAction(ActuatorEffect):
     first_values = (0.1, 0.5, 2.0, 10.0)
     group = RULES
     can = staticmethod(is_joint_servo)
+    law = _Integral
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Switch the force range on, which stops the sum."""
         limited(spec, self.where)
-
-    def bind(self, plant: PlantView) -> BoundEffect:
-        """Add the sum to the law before each substep."""
-        return _Integral(plant, self.actuators(plant.model))

@@ -1,7 +1,5 @@
 """An encoder whose disc or magnet is off its axis."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

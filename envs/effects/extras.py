@@ -1,7 +1,5 @@
 """Descriptions of an effect's further scalars, and of the sizes in which an exam hides it."""
 
-from __future__ import annotations
-
 import math
 from typing import Literal, NamedTuple
 
@@ -9,28 +7,18 @@ Form = Literal["add", "signed", "factor", "limit", "mass", "tilt"]
 
 
 class Extra(NamedTuple):
-    """A further scalar of an effect: a constant, or a parameter where it is in `free`.
+    """A further scalar of an effect: a constant, or a parameter where it is in `free`."""
 
-    Args:
-        name: the name of the argument.
-        unit: SI unit, "" for a pure number.
-        default: its value where none is given; None: one must be given.
-        low: smallest value.
-        high: largest value.
-        about: what it is.
-        fit: range within which a diagnosis fits it together with the value; None: it stays
-            constant.
-        typical: what real robots show; the exam's search for rivals goes through all of it. None:
-            it stays constant there.
-    """
-
-    name: str
-    unit: str
-    default: float | None
-    low: float
-    high: float
-    about: str
+    name: str  # the name of the argument
+    unit: str  # SI unit, "" for a pure number
+    default: float | None  # its value where none is given; None: one must be given
+    low: float  # smallest value
+    high: float  # largest value
+    about: str  # what it is
+    # range within which a diagnosis fits it together with the value; None: it stays constant
     fit: tuple[float, float] | None = None
+    # what real robots show; the exam's search for rivals goes through all of it. None: it stays
+    # constant there.
     typical: tuple[float, float] | None = None
 
 

@@ -5,8 +5,6 @@ name, place, unit, hows = "spring_stiffness", "joint", "N·m/rad", ("scale", "ad
 field = "jnt_stiffness"
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, ClassVar
 

@@ -17,8 +17,6 @@ The file is a list of entries with the keys below. Values are in the effect's fi
 A `distribution.yaml` (see `envs.distribution_file`) is taken as well: its means.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re

@@ -4,11 +4,8 @@ It is written into the engine's own friction loss before each substep, so that a
 exactly instead of chattering about zero speed.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
-from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -140,7 +137,6 @@ class StribeckFriction(_RuledFriction):
     typical = (0.0, 0.15)
     display_name = "Stribeck friction"
     no_mjcf = "MJCF has no friction that depends on the speed"
-    imitates: ClassVar[Mapping[str, str]] = {"viscous_friction": "dry friction"}  # falling, rising
     sizes = Sizes("add", "stall", 2e-3, 0.3)
     shared = True
     symptom = "stick-slip: slow motions go in jumps, fast ones are smooth"

@@ -4,8 +4,6 @@ draws = [Draw(Goal(), distribution="ends", low=-1.0, high=1.0)]     # run backwa
 draws = [Draw(Goal(axes=2), low=-3.0, high=3.0)]    # goal.x and goal.y, each by itself
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco

@@ -1,7 +1,5 @@
 """A spring between motor and link that loses energy: what harmonic drives and rubber do."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

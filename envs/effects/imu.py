@@ -5,9 +5,8 @@ true when it sampled (`imu_delay`), times the gyro's scale, plus its bias, in ax
 against those that the model gives it (`imu_mounting`).
 """
 
-from __future__ import annotations
-
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -47,9 +46,9 @@ class _Imu(Measurement):
 
     order = 30
 
-    def __init__(self, plant: PlantView, count: int) -> None:
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
         self.turn, self.spin = _places(plant.nominal)
-        self.value = np.zeros((plant.num_rows, count))
+        self.value = np.zeros((plant.num_rows, max(len(effect.components), 1)))
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         self.value[ids] = values
@@ -61,8 +60,8 @@ class _Imu(Measurement):
 class _Mounting(_Imu):
     """See `ImuMounting`."""
 
-    def __init__(self, plant: PlantView) -> None:
-        super().__init__(plant, len(AXES))
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
+        super().__init__(plant, effect)
         self._model, self._soles = plant.nominal, soles(plant.nominal)
         self._data = mujoco.MjData(self._model)
         self._up = int(self.turn[0]) - 1  # the base's height
@@ -98,8 +97,8 @@ class _Mounting(_Imu):
 class _Delay(SamplingDelay):
     """See `ImuDelay`."""
 
-    def __init__(self, plant: PlantView, longest: float) -> None:
-        super().__init__(plant, longest)
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
+        super().__init__(plant, effect)
         self.turn, self.spin = _places(plant.nominal)
 
     def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
@@ -146,11 +145,11 @@ class _ImuEffect(Effect):
     place = "robot"
     no_mjcf = READ
     group = PLAIN
+    components: ClassVar[Sequence[str]] = AXES
 
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return one value for each axis."""
+    def check(self, model: mujoco.MjModel) -> None:
+        """Raise EffectError for a model without a free base."""
         base_of(model)
-        return tuple(self.parameter(axis) for axis in AXES)
 
     @classmethod
     def variants(cls, scale: RobotScale) -> list[dict[str, Any]]:
@@ -174,15 +173,8 @@ class ImuMounting(_ImuEffect):
     source = "measured orientation = true orientation times the mounting's rotation"
     experiment = "stand on level ground, then turn the robot round on the spot and stand again"
     first_values = np.concatenate([0.05 * np.eye(len(AXES)), -0.05 * np.eye(len(AXES))])
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the rotation about each axis."""
-        base_of(model)
-        return tuple(self.parameter(axis, low=-np.pi, high=np.pi) for axis in AXES)
-
-    def bind(self, plant: PlantView) -> Measurement:
-        """Turn what is measured."""
-        return _Mounting(plant)
+    limits = (-np.pi, np.pi)
+    law = _Mounting
 
 
 class ImuDelay(_ImuEffect):
@@ -201,15 +193,13 @@ class ImuDelay(_ImuEffect):
     source = "y(t) = q(t - d): filters of the part, its rate, and the serial line"
     experiment = "rock the standing robot with its legs at two frequencies"
     first_values = (0.005, 0.015, 0.04)
+    components = ()
+    law = _Delay
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
         """Return the delay."""
-        base_of(model)
+        self.check(model)
         return (self.parameter(low=0.0, high=self.extra["longest"]),)
-
-    def bind(self, plant: PlantView) -> Measurement:
-        """Report how the base was turned some time ago."""
-        return _Delay(plant, self.extra["longest"])
 
 
 class GyroBias(_ImuEffect):
@@ -224,10 +214,7 @@ class GyroBias(_ImuEffect):
     source = "w + b; MEMS gyros: up to 0.05 rad/s before calibration, and more with temperature"
     experiment = "log the robot at rest"
     first_values = np.concatenate([0.1 * np.eye(len(AXES)), -0.1 * np.eye(len(AXES))])
-
-    def bind(self, plant: PlantView) -> Measurement:
-        """Add to the measured angular velocity."""
-        return _Bias(plant, len(AXES))
+    law = _Bias
 
 
 class GyroScale(_ImuEffect):
@@ -242,15 +229,8 @@ class GyroScale(_ImuEffect):
     symptom = "the gyro says that the base turns faster or more slowly than its orientation does"
     source = "s w; a range setting that was mistaken is a factor of 2 or 4, deg/s for rad/s 57"
     experiment = "turn the robot by hand through a known angle"
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the factor."""
-        base_of(model)
-        return (self.parameter(low=1e-3),)
-
-    def bind(self, plant: PlantView) -> Measurement:
-        """Scale the measured angular velocity."""
-        return _Scale(plant, 1)
+    limits, components = (1e-3, np.inf), ()
+    law = _Scale
 
 
 def turn_by(vectors: np.ndarray) -> np.ndarray:

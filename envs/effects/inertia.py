@@ -1,8 +1,5 @@
 """Effects on what a body weighs and where, and on which way is down."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
 from typing import Any, ClassVar, Literal, get_args
 
 import mujoco
@@ -15,17 +12,11 @@ from envs.effects.places import find, members
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.errors import EffectError, refuse_unknown
-from envs.params import How, Parameter
+from envs.params import How
 
 LIGHTEST = 1e-3  # kg: below this the engine's constants become ill conditioned
 Inertia = Literal["kept", "scaled"]
 INERTIA: tuple[Inertia, ...] = get_args(Inertia)
-# A joint's inertia and its lever arm of gravity, both changed alike, are a motor's torque changed
-# the other way; any two of these set both.
-RIGID: Mapping[str, str] = {
-    name: "a motor of another strength"
-    for name in ("armature", "link_mass", "link_inertia", "center_of_mass", "payload")
-}
 
 
 class _Dense(BoundEffect):
@@ -60,7 +51,6 @@ class LinkMass(FieldEffect):
     minimum = LIGHTEST
     constants = True
     comparable = True
-    imitates = RIGID
     sizes = Sizes("mass", "mass", 0.02, 1.2)
     symptom = "static sag and lag under load that grow with gravity's lever arm"
     source = "MuJoCo XML reference, body/inertial/mass"
@@ -105,7 +95,6 @@ class LinkInertia(FieldEffect):
     field = "body_inertia"
     constants = True
     typical = (0.5, 2.0)
-    imitates = RIGID
     symptom = "turning is harder or easier than mass and lever arm predict; static sag is right"
     source = "MuJoCo XML reference, body/inertial/diaginertia; J = f J_cm + m r²"
     experiment = "fast swings of the last link about its own joint, next to slow loaded holds"
@@ -169,13 +158,10 @@ def _tips(model: mujoco.MjModel, geom: int) -> list[np.ndarray]:
 class _Shift(BoundEffect):
     """Moves a centre of mass along a line."""
 
-    def __init__(self, plant: PlantView, body: int) -> None:
-        end = far_end(plant.model, body)
-        self._direction, self._ipos, self._body = (
-            end / np.linalg.norm(end),
-            plant.field("body_ipos"),
-            body,
-        )
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
+        self._body = find(plant.model, "body", effect.where)
+        end = far_end(plant.model, self._body)
+        self._direction, self._ipos = end / np.linalg.norm(end), plant.field("body_ipos")
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         self._ipos[ids, self._body] += values[:, :1] * self._direction
@@ -197,7 +183,6 @@ class CenterOfMass(Effect):
     typical = (-0.03, 0.03)
     no_mjcf = None
     comparable = True
-    imitates = RIGID
     sizes = Sizes("signed", "length", 0.03, 1.2)
     symptom = (
         "sag that changes with the pose as a change of mass would, while acceleration"
@@ -206,15 +191,11 @@ class CenterOfMass(Effect):
     source = "rigid body; CAD models are off by 5 to 20 %"
     experiment = "torque-off swings: the period separates inertia from gravity's lever arm"
     group = PLAIN
+    law = _Shift
 
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the distance."""
+    def check(self, model: mujoco.MjModel) -> None:
+        """Raise EffectError for a body without a far end."""
         far_end(model, find(model, "body", self.where))
-        return (self.parameter(),)
-
-    def bind(self, plant: PlantView) -> BoundEffect:
-        """Write the centre of mass of each row."""
-        return _Shift(plant, find(plant.model, "body", self.where))
 
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return parts of the link's length, both ways."""
@@ -225,8 +206,9 @@ class CenterOfMass(Effect):
 class _Point(BoundEffect):
     """Adds a point mass to a body: mass, centre of mass and inertia follow."""
 
-    def __init__(self, plant: PlantView, body: int) -> None:
-        self._body, self._point = body, far_end(plant.model, body)
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
+        self._body = find(plant.model, "body", effect.where)
+        self._point = far_end(plant.model, self._body)
         names = ("body_mass", "body_ipos", "body_iquat", "body_inertia")
         self._mass, self._ipos, self._iquat, self._inertia = (plant.field(name) for name in names)
 
@@ -285,21 +267,17 @@ class Payload(Effect):
     typical = (0.0, 0.5)
     no_mjcf = None
     comparable = True
-    imitates = RIGID
     sizes = Sizes("add", "mass", 0.01, 2.5)
     symptom = "more sag and slower swings, most of all at the joints that lift the body"
     source = "point mass: m r x and the parallel axis theorem"
     experiment = "holds with the arm stretched out, with and without the tool"
     group = PLAIN
+    law = _Point
+    limits = (0.0, np.inf)
 
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the mass."""
+    def check(self, model: mujoco.MjModel) -> None:
+        """Raise EffectError for a body without a far end."""
         far_end(model, find(model, "body", self.where))
-        return (self.parameter(low=0.0),)
-
-    def bind(self, plant: PlantView) -> BoundEffect:
-        """Write the inertial properties of each row."""
-        return _Point(plant, find(plant.model, "body", self.where))
 
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return parts of the robot's mass."""
@@ -309,7 +287,7 @@ class Payload(Effect):
 class _Tilt(BoundEffect):
     """See `GravityTilt`."""
 
-    def __init__(self, plant: PlantView) -> None:
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
         self._gravity = plant.field("opt.gravity")  # (N, 3)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
@@ -336,11 +314,5 @@ class GravityTilt(Effect):
     experiment = "the same holds with the base turned by 180 degrees about the vertical"
     first_values = ((0.06, 0.0), (-0.06, 0.0), (0.0, 0.06), (0.0, -0.06))
     group = PLAIN
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the two angles."""
-        return tuple(self.parameter(axis, low=-np.pi / 2, high=np.pi / 2) for axis in ("x", "y"))
-
-    def bind(self, plant: PlantView) -> BoundEffect:
-        """Write the gravity of each row."""
-        return _Tilt(plant)
+    limits, components = (-np.pi / 2, np.pi / 2), ("x", "y")
+    law = _Tilt

@@ -5,8 +5,6 @@ after the motor's. The link's angle, which is what `qpos` of the model as given 
 sum of both.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from copy import copy
 from typing import Any, ClassVar, Protocol

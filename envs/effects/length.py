@@ -3,8 +3,6 @@
 make("link_length", where="pole")      # a factor; 2 is twice as long, as heavy as before
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import ClassVar
 
@@ -18,7 +16,7 @@ from envs.effects.places import find
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.errors import EffectError
-from envs.params import How, Parameter
+from envs.params import How
 
 ALONG = 0.999  # cosine: an axis of a shape this near to the link's lies along it
 ROUND = (int(mujoco.mjtGeom.mjGEOM_CAPSULE), int(mujoco.mjtGeom.mjGEOM_CYLINDER))
@@ -29,9 +27,9 @@ SPHERE = int(mujoco.mjtGeom.mjGEOM_SPHERE)
 class _Stretch(BoundEffect):
     """Maps every point x of a body to a + (1 + (f - 1) d dᵀ) (x - a)."""
 
-    def __init__(self, plant: PlantView, body: int) -> None:
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
         model = plant.model
-        self._body = body
+        self._body = body = find(model, "body", effect.where)
         self._anchor, self._direction = line(model, body)
         self._children = np.flatnonzero(model.body_parentid == body)
         self._children = self._children[self._children != body]
@@ -146,19 +144,16 @@ class LinkLength(Effect):
     source = "affine map of the mass: second moments S -> A S A, inertia tr(S) 1 - S"
     experiment = "free swings of the link, whose period tells its length"
     group = PLAIN
+    limits = (1e-3, np.inf)
+    law = _Stretch
 
     @classmethod
     def places(cls, scale: RobotScale) -> list[str | None]:
         """Return nowhere."""
         return []
 
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the factor; raises EffectError for a body that has no length."""
+    def check(self, model: mujoco.MjModel) -> None:
+        """Raise EffectError for a body that has no length."""
         body = find(model, "body", self.where)
         _, direction = line(model, body)
         sizes(model, np.flatnonzero(model.geom_bodyid == body), direction)
-        return (self.parameter(low=1e-3),)
-
-    def bind(self, plant: PlantView) -> BoundEffect:
-        """Stretch the body of each row."""
-        return _Stretch(plant, find(plant.model, "body", self.where))

@@ -6,8 +6,6 @@
 A gain that was known to be half and is found to be 0.8 of that is 0.4 of the model's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from envs.effects.base import Effect

@@ -1,7 +1,5 @@
 """Places of effects: objects by name, or by a pattern such as `hip_*`, and blocks of fields."""
 
-from __future__ import annotations
-
 from fnmatch import fnmatchcase
 from typing import Literal
 

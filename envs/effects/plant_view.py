@@ -7,8 +7,6 @@
 An effect never imports the plant: the plant imports the effects.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Protocol, TypeVar
 

@@ -1,7 +1,5 @@
 """The one list of effects, by their standard names."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar

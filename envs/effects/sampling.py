@@ -1,7 +1,5 @@
 """When sensors sampled: readings that are older than the moment at which they are reported."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -22,8 +20,8 @@ class SamplingDelay(Measurement):
     order = 20
     needs_speed = True
 
-    def __init__(self, plant: PlantView, longest: float) -> None:
-        model = plant.nominal
+    def __init__(self, plant: PlantView, effect: Effect) -> None:
+        model, longest = plant.nominal, effect.extra["longest"]
         n, k = plant.num_rows, math.ceil(longest / model.opt.timestep) + 2
         self.arrays = arrays = plant.arrays
         self.now, self.value = plant.time, arrays.zeros(n)
@@ -87,13 +85,7 @@ class SamplingDelay(Measurement):
             qvel[row] = v[old] + s * (v[new] - v[old])
 
     def _between(
-        self,
-        q0: Array,
-        q1: Array,
-        v0: Array,
-        v1: Array,
-        s: Array,
-        dt: Array | float,
+        self, q0: Array, q1: Array, v0: Array, v1: Array, s: Array, dt: Array | float
     ) -> Array:
         """Return positions at a share s (n, 1) of the way between states: cubic in time."""
         past = q0 + s * (q1 - q0)
@@ -146,11 +138,8 @@ class ObservationDelay(Effect):
     )
     first_values = (0.003, 0.01, 0.03, 0.07)
     group = PLAIN
+    law = SamplingDelay
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
         """Return the delay."""
         return (self.parameter(low=0.0, high=self.extra["longest"]),)
-
-    def bind(self, plant: PlantView) -> Measurement:
-        """Report what was true some time ago."""
-        return SamplingDelay(plant, self.extra["longest"])

@@ -7,8 +7,6 @@ What a model says is here; what only recordings say (how fast it was driven, how
 passed in by the caller.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cached_property
 

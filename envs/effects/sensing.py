@@ -4,8 +4,6 @@ A sensor says what was true on its side of a play when it sampled (`observation_
 offset, plus noise, rounded to its counts; its speed is filtered.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

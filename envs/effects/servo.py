@@ -4,8 +4,6 @@ A *servo* here is an actuator of the affine kind, force = g u + b0 + b1 length +
 < 0, as MuJoCo's `position` makes it. A *motor* has no b1 and b2.
 """
 
-from __future__ import annotations
-
 import itertools
 from typing import ClassVar
 
@@ -245,7 +243,8 @@ class _DeadZone(SubstepRule):
 
     order = 30
 
-    def __init__(self, plant: PlantView, index: np.ndarray, effect: Effect) -> None:
+    def __init__(self, plant: PlantView, effect: ActuatorEffect) -> None:
+        index = effect.actuators(plant.model)
         self.plant, self.index, self.arrivals = plant, index, DelayedCommands.of(plant)
         self.gain, self.bias = plant.live("actuator_gainprm"), plant.live("actuator_biasprm")
         self.effect = effect
@@ -312,15 +311,12 @@ class DeadZone(ActuatorEffect):
     limits = (0.0, np.inf)
     first_values = tuple(itertools.product((0.004, 0.012, 0.035), (1.0, 0.0)))
     group = RULES
+    law = _DeadZone
 
     @staticmethod
     def can(model: mujoco.MjModel, actuator: int) -> bool:
         """Return whether it is a position servo on a joint."""
         return is_joint_servo(model, actuator)
-
-    def bind(self, plant: PlantView) -> SubstepRule:
-        """Switch the proportional part off and on before each substep."""
-        return _DeadZone(plant, self.actuators(plant.model), self)
 
 
 def is_joint_servo(model: mujoco.MjModel, actuator: int) -> bool:

@@ -4,8 +4,6 @@ make("motor_strength", where="elbow")                    # the torque constant
 make("motor_strength", where="elbow", braking="kept")    # less voltage at this motor alone
 """
 
-from __future__ import annotations
-
 from typing import Any, ClassVar, Literal, get_args
 
 import mujoco

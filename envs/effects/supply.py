@@ -6,8 +6,6 @@ does not. A current-driven motor keeps its law and loses only limit. Servos are 
 voltage-driven, motors as current-driven, unless `drive` says so.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
@@ -222,7 +220,8 @@ def _linear(model: mujoco.MjModel) -> np.ndarray:
 class _Derating(_Weakening):
     """See `ThermalDerating`."""
 
-    def __init__(self, plant: PlantView, index: np.ndarray, effect: Effect) -> None:
+    def __init__(self, plant: PlantView, effect: ActuatorEffect) -> None:
+        index = effect.actuators(plant.model)
         super().__init__(plant, index)
         self.effect, self.dt = effect, plant.model.opt.timestep
         self.heat = self.arrays.zeros((plant.num_rows, len(index)))  # N²·m²·s
@@ -295,10 +294,7 @@ class ThermalDerating(ActuatorEffect):
     limits = (0.0, np.inf)
     group = RULES
     can = staticmethod(is_linear)
-
-    def bind(self, plant: PlantView) -> SubstepRule:
-        """Weaken the actuators before each substep."""
-        return _Derating(plant, self.actuators(plant.model), self)
+    law = _Derating
 
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return losses by which the hardest log takes parts of the strength, and of braking."""

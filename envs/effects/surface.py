@@ -4,8 +4,6 @@ A contact takes friction and reference from the geom of higher priority, else mi
 (`GroundFriction` minds that). Give a geom `priority="1"` in the MJCF to make its contacts its own.
 """
 
-from __future__ import annotations
-
 from typing import Any, ClassVar
 
 import mujoco

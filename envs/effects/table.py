@@ -5,8 +5,6 @@
 `pages()` maps the names of the files to their text.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 
 from envs.effects import EFFECTS, Effect

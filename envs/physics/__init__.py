@@ -6,8 +6,6 @@
 See `envs.physics.base` for what both offer.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from mujoco.batch import Batch

@@ -6,8 +6,6 @@
 What steps with the simulations (a task, a measurement) is written in that API once, for both.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,17 +16,11 @@ Array = Any  # np.ndarray or torch.Tensor
 
 @dataclass(frozen=True)
 class Arrays:
-    """The array library and the device of arrays.
+    """The array library and the device of arrays."""
 
-    Args:
-        xp: the namespace: `numpy`, or `array_api_compat.torch`.
-        dtype: of real numbers.
-        device: of a torch namespace.
-    """
-
-    xp: Any = np
-    dtype: Any = np.float64
-    device: Any = None
+    xp: Any = np  # the namespace: `numpy`, or `array_api_compat.torch`
+    dtype: Any = np.float64  # of real numbers
+    device: Any = None  # of a torch namespace
 
     @property
     def on_host(self) -> bool:

@@ -12,8 +12,6 @@ randomness of starts are the same on every engine, to its precision.
     broken = physics.broken(None)
 """
 
-from __future__ import annotations
-
 from typing import Any, Literal, Protocol, get_args
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`mujoco.batch`: float64 on the CPU's threads, the same bits in whichever row."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -6,8 +6,6 @@ no warnings: a row is broken when its state is not finite or larger than `mjMAXV
 checks say, or when it had more constraints than there is room for.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import sys

@@ -8,8 +8,6 @@ Images are drawn at the size that is asked for: nothing is resized afterwards. W
 says about colours, lights and cameras is drawn, so that effects may change it from row to row.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 
 import mujoco

@@ -1,7 +1,5 @@
 """A camera's rays, and the projection of points into its image."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -8,8 +8,6 @@ Images are under "pixels", (N, size, size, 3) uint8, drawn at that size. The tas
 is kept, for a critic or a measure that may know the state.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -6,8 +6,6 @@ through files in memory. What costs most where the CPU draws is left out: shadow
 smoothing, fine meshes (25 times the speed of the default settings).
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

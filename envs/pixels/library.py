@@ -3,8 +3,6 @@
 Each is tried in a separate process, since a broken one can take its process with it.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -123,12 +123,7 @@ class RayRenderer(Renderer):
             np.copyto(image[:, part], seen.astype(np.uint8), where=meets[..., None])
 
     def _draw_solids(
-        self,
-        image: np.ndarray,
-        depth: np.ndarray,
-        view: _View,
-        colours: np.ndarray,
-        light: _Light,
+        self, image: np.ndarray, depth: np.ndarray, view: _View, colours: np.ndarray, light: _Light
     ) -> None:
         """Cast rays in the window of each image where geoms other than planes may appear."""
         turn = self._turns[view.rows][:, self._solids]  # (n, G, 9)

@@ -1,7 +1,5 @@
 """The renderers by name: one switch between rays and OpenGL."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from envs.errors import TaskError, refuse_unknown

@@ -1,7 +1,5 @@
 """The pattern of a plane, so that a camera that moves along with the robot sees it move."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -6,8 +6,6 @@ It reads row numbers (int64: their count, then each) from its input, draws those
 file of the folder, and answers with one byte.
 """
 
-from __future__ import annotations
-
 import importlib
 import logging
 import sys

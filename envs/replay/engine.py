@@ -3,8 +3,6 @@
 See the package for the rules.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 

@@ -15,8 +15,6 @@ for dynamic robots (MIT, 2018), section 4; the torque in the actuator's own term
 reference, actuator/general.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import mujoco

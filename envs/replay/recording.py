@@ -4,8 +4,6 @@ plan = schedule(recording, dt=0.002)
 plan.ctrl, plan.off          # (K, nu), (K,)
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import mujoco

@@ -7,8 +7,6 @@ many steps in one call; else the plant is stepped K times. Both give the same po
 whose own schedule is shorter than K is simulated to its end and no further.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,19 +1,15 @@
 """Ant: four legs in three dimensions, rewarded for moving along x and staying off the ground."""
 
-from __future__ import annotations
-
 from typing import Literal, get_args
-
-import mujoco
 
 from envs.errors import TaskError, refuse_unknown
 from envs.physics.arrays import Array
-from envs.tasks.base import State, Task, gymnasium_model
+from envs.tasks.base import GymnasiumTask, State
 
 Forces = Literal["off", "exact"]
 
 
-class Ant(Task):
+class Ant(GymnasiumTask):
     """Gymnasium 1.4 Ant-v5: action (8,) torques in [-1, 1] times 150 N·m.
 
     The engine's batch does not compute the contact forces that Gymnasium shows the ant and charges
@@ -30,6 +26,7 @@ class Ant(Task):
     """
 
     array_api = True
+    asset = "ant.xml"
     frame_skip = 5
     camera = "track"
     extra_field = (
@@ -46,11 +43,7 @@ class Ant(Task):
     def __init__(self, contact_forces: Forces = "off", max_steps: int = 1000) -> None:
         refuse_unknown("contact_forces", contact_forces, get_args(Forces), TaskError)
         self.contact_forces = contact_forces == "exact"
-        self.max_steps = max_steps
-
-    def spec(self) -> mujoco.MjSpec:
-        """Return Gymnasium's ant.xml."""
-        return gymnasium_model("ant.xml")
+        super().__init__(max_steps)
 
     def observe(self, state: State) -> Array:
         """Return (height, orientation, angles, velocities[, clipped forces]), (n, 27 or 105)."""

@@ -168,20 +168,37 @@ class Task(ABC):
         return xp.all(xp.isfinite(state.qpos), axis=1) & xp.all(xp.isfinite(state.qvel), axis=1)
 
 
-def gymnasium_model(name: str) -> mujoco.MjSpec:
-    """Return the spec of one of Gymnasium's own models, for its physics to the last digit.
+class GymnasiumTask(Task):
+    """A task on one of Gymnasium's own models.
 
-    The search for constraint islands is switched off: a model of one kinematic tree has one
-    island, so the solver gets the same problem and the same bits, a tenth sooner.
+    Args:
+        max_steps: control steps an episode.
+
+    Attributes:
+        asset: the model's file.
     """
-    package = find_spec("gymnasium")
-    if package is None or not package.submodule_search_locations:
-        raise TaskError(f"the model {name} comes with Gymnasium: pip install 'gymnasium[mujoco]'")
-    path = Path(package.submodule_search_locations[0], "envs/mujoco/assets", name)
-    with no_deprecation_notice():
-        spec = mujoco.MjSpec.from_file(str(path))
-    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
-    return spec
+
+    asset: ClassVar[str]
+
+    def __init__(self, max_steps: int = 1000) -> None:
+        self.max_steps = max_steps
+
+    def spec(self) -> mujoco.MjSpec:
+        """Return Gymnasium's model, for its physics to the last digit.
+
+        The search for constraint islands is switched off: a model of one kinematic tree has one
+        island, so the solver gets the same problem and the same bits, a tenth sooner.
+        """
+        package = find_spec("gymnasium")
+        if package is None or not package.submodule_search_locations:
+            raise TaskError(
+                f"the model {self.asset} comes with Gymnasium: pip install 'gymnasium[mujoco]'"
+            )
+        path = Path(package.submodule_search_locations[0], "envs/mujoco/assets", self.asset)
+        with no_deprecation_notice():
+            spec = mujoco.MjSpec.from_file(str(path))
+        spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
+        return spec
 
 
 def forward_velocity(before: Array, after: Array, dt: float) -> Array:

@@ -3,8 +3,6 @@
 After Dong et al., "EASI" (2024), and the task that its authors released.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

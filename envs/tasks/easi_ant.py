@@ -3,8 +3,6 @@
 After Dong et al., "EASI" (2024), and Makoviychuk et al., "Isaac Gym" (2021).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -8,8 +8,6 @@ policy can solve them all without finding out in its first episodes what is aske
 et al. 2017 and Song et al. 2020; a goal is drawn as any parameter (`envs.effects.Goal`).
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 
 from envs.physics.arrays import Array

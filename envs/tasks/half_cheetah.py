@@ -1,14 +1,10 @@
 """HalfCheetah: a planar runner that is rewarded for speed and never falls."""
 
-from __future__ import annotations
-
-import mujoco
-
 from envs.physics.arrays import Array
-from envs.tasks.base import State, Task, gymnasium_model
+from envs.tasks.base import GymnasiumTask, State
 
 
-class HalfCheetah(Task):
+class HalfCheetah(GymnasiumTask):
     """Gymnasium 1.4 HalfCheetah-v5: observation (17,), action (6,) in [-1, 1] times 30 to 120 N·m.
 
     Args:
@@ -16,18 +12,12 @@ class HalfCheetah(Task):
     """
 
     array_api = True
+    asset = "half_cheetah.xml"
     frame_skip = 5
     camera = "track"
     reset_noise = 0.1
     velocity_noise = "normal"
     control_cost = 0.1
-
-    def __init__(self, max_steps: int = 1000) -> None:
-        self.max_steps = max_steps
-
-    def spec(self) -> mujoco.MjSpec:
-        """Return Gymnasium's half_cheetah.xml."""
-        return gymnasium_model("half_cheetah.xml")
 
     def observe(self, state: State) -> Array:
         """Return (height, angles, velocities) without the horizontal position, (n, 17)."""

@@ -5,18 +5,16 @@ studies: velocities are not clipped, the step on which it falls is paid too, and
 torso is one kilogram lighter.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar, Literal
 
 import mujoco
 
 from envs.errors import TaskError, refuse_unknown
 from envs.physics.arrays import Array
-from envs.tasks.base import State, Task, forward_velocity, gymnasium_model
+from envs.tasks.base import GymnasiumTask, State, forward_velocity
 
 
-class Hopper(Task):
+class Hopper(GymnasiumTask):
     """Gymnasium 1.4 Hopper-v5: observation (11,), action (3,) torques in [-1, 1] times 200 N·m.
 
     Args:
@@ -24,6 +22,7 @@ class Hopper(Task):
     """
 
     array_api = True
+    asset = "hopper.xml"
     frame_skip = 4
     camera = "track"
     reset_noise = 5e-3
@@ -32,13 +31,6 @@ class Hopper(Task):
     healthy_state = 100.0  # largest magnitude of any other state
     velocity_clip: ClassVar[float | None] = 10.0
     control_cost = 1e-3
-
-    def __init__(self, max_steps: int = 1000) -> None:
-        self.max_steps = max_steps
-
-    def spec(self) -> mujoco.MjSpec:
-        """Return Gymnasium's hopper.xml."""
-        return gymnasium_model("hopper.xml")
 
     def observe(self, state: State) -> Array:
         """Return (height, angles, velocities) without the horizontal position, (n, 11)."""

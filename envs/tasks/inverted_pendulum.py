@@ -1,14 +1,10 @@
 """InvertedPendulum: the continuous CartPole, a pole on a cart, rewarded for each step upright."""
 
-from __future__ import annotations
-
-import mujoco
-
 from envs.physics.arrays import Array
-from envs.tasks.base import State, Task, gymnasium_model
+from envs.tasks.base import GymnasiumTask, State
 
 
-class InvertedPendulum(Task):
+class InvertedPendulum(GymnasiumTask):
     """Gymnasium 1.4 InvertedPendulum-v5: observation (4,), action (1,) in [-3, 3] times 100 N.
 
     Args:
@@ -16,16 +12,10 @@ class InvertedPendulum(Task):
     """
 
     array_api = True
+    asset = "inverted_pendulum.xml"
     frame_skip = 2
     reset_noise = 0.01
     healthy_angle = 0.2  # rad, of the pole
-
-    def __init__(self, max_steps: int = 1000) -> None:
-        self.max_steps = max_steps
-
-    def spec(self) -> mujoco.MjSpec:
-        """Return Gymnasium's inverted_pendulum.xml."""
-        return gymnasium_model("inverted_pendulum.xml")
 
     def observe(self, state: State) -> Array:
         """Return (cart position, pole angle, their velocities), (n, 4)."""

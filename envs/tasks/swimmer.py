@@ -1,14 +1,10 @@
 """Swimmer: three links in a viscous fluid that are rewarded for swimming forward."""
 
-from __future__ import annotations
-
-import mujoco
-
 from envs.physics.arrays import Array
-from envs.tasks.base import State, Task, gymnasium_model
+from envs.tasks.base import GymnasiumTask, State
 
 
-class Swimmer(Task):
+class Swimmer(GymnasiumTask):
     """Gymnasium 1.4 Swimmer-v5: observation (8,), action (2,) torques in [-1, 1] times 150 N·m.
 
     Args:
@@ -16,17 +12,11 @@ class Swimmer(Task):
     """
 
     array_api = True
+    asset = "swimmer.xml"
     frame_skip = 4
     camera = "track"
     reset_noise = 0.1
     control_cost = 1e-4
-
-    def __init__(self, max_steps: int = 1000) -> None:
-        self.max_steps = max_steps
-
-    def spec(self) -> mujoco.MjSpec:
-        """Return Gymnasium's swimmer.xml."""
-        return gymnasium_model("swimmer.xml")
 
     def observe(self, state: State) -> Array:
         """Return (angles, velocities) without the position in the plane, (n, 8)."""

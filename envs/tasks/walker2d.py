@@ -1,14 +1,10 @@
 """Walker2d: two legs that are rewarded for walking forward and staying upright."""
 
-from __future__ import annotations
-
-import mujoco
-
 from envs.physics.arrays import Array
-from envs.tasks.base import State, Task, gymnasium_model
+from envs.tasks.base import GymnasiumTask, State
 
 
-class Walker2d(Task):
+class Walker2d(GymnasiumTask):
     """Gymnasium 1.4 Walker2d-v5: observation (17,), action (6,) torques in [-1, 1] times 100 N·m.
 
     Args:
@@ -16,6 +12,7 @@ class Walker2d(Task):
     """
 
     array_api = True
+    asset = "walker2d_v5.xml"
     frame_skip = 4
     camera = "track"
     reset_noise = 5e-3
@@ -23,13 +20,6 @@ class Walker2d(Task):
     healthy_angle = 1.0  # rad, of the torso
     velocity_clip = 10.0
     control_cost = 1e-3
-
-    def __init__(self, max_steps: int = 1000) -> None:
-        self.max_steps = max_steps
-
-    def spec(self) -> mujoco.MjSpec:
-        """Return Gymnasium's walker2d_v5.xml."""
-        return gymnasium_model("walker2d_v5.xml")
 
     def observe(self, state: State) -> Array:
         """Return (height, angles, clipped velocities) without the horizontal position, (n, 17)."""

@@ -1,7 +1,5 @@
 """Base class of the small tasks: rows with parameter values, step counts and clipped actions."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import Literal
 

@@ -4,8 +4,6 @@ After Yang et al. 2019, "NoRML", and its released task; dynamics of Barto, Sutto
 as in Gymnasium's CartPole, with a continuous force.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

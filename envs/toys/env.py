@@ -4,8 +4,6 @@ env = ToyEnv(Nav2D, num_envs=64, max_steps=100)
 env = TransformedEnv(env, RandomizeParams(NavGoals()))
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

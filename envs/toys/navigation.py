@@ -5,8 +5,6 @@ direction, the start the origin. Only the reward shows where the goal is, so a p
 adapted can do no better than its prior. After Song et al. 2020, "ES-MAML", and its released tasks.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Literal

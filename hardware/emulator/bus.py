@@ -13,8 +13,6 @@ A robot may have several buses: `run_in_time_order` carries out the steps of all
 time.
 """
 
-from __future__ import annotations
-
 import heapq
 import struct
 from collections.abc import Generator, Iterator, Sequence

@@ -16,8 +16,6 @@ Sources: the makers' manuals for gains and units; the derivative's filter is an 
 are sums that stop where they alone would drive full PWM.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

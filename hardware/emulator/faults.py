@@ -26,8 +26,6 @@ In the servos, at `start`:
     blackout        no supply until `stop`; then all servos reboot
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -49,26 +47,17 @@ KINDS = (*get_args(AnswerKind), *get_args(CommandKind), *get_args(ServoKind))
 class Fault:
     """One fault; the module says what each kind does.
 
-    Args:
-        kind: what happens.
-        start: the time from which it acts [s].
-        stop: the time until which it acts [s].
-        servo: the ID that it concerns; None for all.
-        probability: the probability that it hits a packet, in [0, 1].
-        count: the largest number of packets that it hits; None for any.
-        value: the kind's own number.
-
     Raises:
         RobotError: an unknown kind, or a number out of its range.
     """
 
-    kind: Kind
-    start: float = 0.0
-    stop: float = math.inf
-    servo: int | None = None
-    probability: float = 1.0
-    count: int | None = None
-    value: float = 0.0
+    kind: Kind  # what happens
+    start: float = 0.0  # the time from which it acts [s]
+    stop: float = math.inf  # the time until which it acts [s]
+    servo: int | None = None  # the ID that it concerns; None for all
+    probability: float = 1.0  # the probability that it hits a packet, in [0, 1]
+    count: int | None = None  # the largest number of packets that it hits; None for any
+    value: float = 0.0  # the kind's own number
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:

@@ -8,8 +8,6 @@ a servo does not know is not answered, and neither is a reboot. Assumed: answers
 return delay.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from hardware.config import Robot

@@ -5,8 +5,6 @@
 What a client sees of them is in `feetech.py`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 

@@ -20,8 +20,6 @@ acts at once on the goals that its registers hold, a shutdown is latched until t
 off.
 """
 
-from __future__ import annotations
-
 import math
 
 from hardware.emulator.control import EXTENDED, VELOCITY

@@ -14,8 +14,6 @@ Sources: the makers' manuals; 1 kHz, the velocity's filter, and the overload's 2
 as no maker publishes them. A PWM slope of 255 is taken as none.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 

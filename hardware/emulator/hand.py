@@ -10,8 +10,6 @@
 there until its servo has torque. Servos as they leave the factory (`as_delivered`) all have ID 1.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import TypeVar
 

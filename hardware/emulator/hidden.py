@@ -9,8 +9,6 @@ friction, play and springs in `mechanics.py`, the servo's in `firmware.py`, mass
 `model.py`, the bus's in `bus.py`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -8,8 +8,6 @@ The part's own filters are not published and not modelled: orientation and accel
 `inertial.py`, to the resolution of a frame.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

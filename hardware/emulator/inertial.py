@@ -9,8 +9,6 @@ part that is askew, later still, or whose gyro is off; without them readings are
 white: each reading draws its own, so that a value that is read twice differs.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Mapping
 

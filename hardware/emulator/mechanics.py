@@ -13,8 +13,6 @@ Laws (n servos, torque on the motor's side of the gear):
 * play: no torque inside it, a stiff damped spring at its ends; compliance: a spring across it.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

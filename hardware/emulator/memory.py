@@ -1,7 +1,5 @@
 """The control table of one emulated servo: bytes, and the rules for reading and writing them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from hardware.protocol import BAD_LENGTH, BAD_LIMIT, BAD_RANGE, NO_ACCESS

@@ -8,8 +8,6 @@ play or a spring gets a second joint in addition to its own, between gear and li
 joint then is the motor's side.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

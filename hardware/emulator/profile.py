@@ -8,8 +8,6 @@ A time-based profile's registers are the time of the whole motion and of its acc
 Source: the chapter on profiles in the makers' manuals.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

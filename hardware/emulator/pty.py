@@ -13,8 +13,6 @@ so that every answer is of the present. Bytes that came meanwhile may have come 
 the wait does not count for the servos' watchdogs, so that none trips because the emulator was late.
 """
 
-from __future__ import annotations
-
 import fcntl
 import heapq
 import logging

@@ -4,8 +4,6 @@ Assumed, as no maker publishes them: how near counts as in position, how far as 
 how long a servo is silent while it reboots.
 """
 
-from __future__ import annotations
-
 import struct
 from collections import deque
 from collections.abc import Sequence

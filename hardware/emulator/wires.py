@@ -1,7 +1,5 @@
 """The wires before an emulated robot, by the makers of its servos."""
 
-from __future__ import annotations
-
 from hardware.emulator.bus import Bus
 from hardware.emulator.feetech import FeetechBus
 from hardware.emulator.feetech_inner import InnerServo

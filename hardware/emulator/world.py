@@ -8,8 +8,6 @@ What stands between it and a client (`loopback.py`, `pty.py`) puts a `Bus` befor
 at the same times give the same answers, bit for bit.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 
@@ -178,11 +176,7 @@ def _as_set_up(robot: Robot, i: int) -> dict[str, int]:
     servo = robot.servos[i]
     kind, bus = servo.type, robot.bus_of(servo)
     delay = round(bus.return_delay / kind.units.return_delay)
-    values = {
-        "id": servo.id,
-        "baud_rate": kind.bauds.index(bus.baud),
-        "return_delay_time": delay,
-    }
+    values = {"id": servo.id, "baud_rate": kind.bauds.index(bus.baud), "return_delay_time": delay}
     eeprom = {n: v for n, v in robot.registers_of(servo).items() if kind.register(n).eeprom}
     return values | eeprom
 

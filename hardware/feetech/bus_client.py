@@ -9,8 +9,6 @@ new one by forgetting what had come before a request, and by waiting for late an
 failure.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Mapping, Sequence
 

@@ -12,8 +12,6 @@ none of them about the instruction. The framing is written here, and tested agai
 Source: Feetech, "Magnetic encoder series servo memory table and protocol manual".
 """
 
-from __future__ import annotations
-
 from hardware import protocol
 from hardware.protocol import ALERT, BROADCAST, STATUS, Packet
 

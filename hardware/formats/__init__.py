@@ -9,8 +9,6 @@ own is registered before all others:
     register(Format("my tool", is_log=lambda path: path.suffix == ".mine", read=read_mine))
 """
 
-from __future__ import annotations
-
 from hardware.formats.registry import FORMATS, Format, find, register
 
 __all__ = ["FORMATS", "Format", "find", "register"]

@@ -9,8 +9,6 @@ The file is a table with `entries`, each with `position` [rad], `goal_position` 
 conditions become the metadata `settings`, `mass_kg`, `length_m` and `nominal_voltage`.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

@@ -7,8 +7,6 @@ A reading that was lost is an empty cell or one of the words that programs write
 be done about it, `hardware.formats.repair` knows.
 """
 
-from __future__ import annotations
-
 import datetime
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """A trajectory log as CSV: the header names the columns, every cell is a number."""
 
-from __future__ import annotations
-
 import csv
 import logging
 import warnings

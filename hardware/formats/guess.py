@@ -6,8 +6,6 @@ Names are matched against the words that such columns usually have. What was not
 in the file as a comment, so that nothing is lost without a word.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """MCAP messages that are JSON, as tables of names and values."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from typing import Any

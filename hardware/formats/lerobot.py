@@ -20,8 +20,6 @@ LeRobot writes times that it never measured, frame / fps; `clock: nominal` in th
 Source: lerobot/motors/motors_bus.py, `_unnormalize`; lerobot/datasets/utils.py.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Mapping

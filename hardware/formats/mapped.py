@@ -19,8 +19,6 @@ writes such a file from a header, for a person to read over. HDF5 needs h5py and
 extra `data`).
 """
 
-from __future__ import annotations
-
 import csv
 import fnmatch
 from collections.abc import Iterator

@@ -17,8 +17,6 @@ of a `ctrl` channel, or a reading between two of them (`hardware.formats.rates`)
 Needs the extra `ros` (mcap, mcap-ros2-support, rosbags).
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.util import find_spec

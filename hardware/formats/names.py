@@ -1,7 +1,5 @@
 """The names that a trajectory log's columns can have; `hardware/log.py` says what they mean."""
 
-from __future__ import annotations
-
 REQUIRED = ("episode", "time")
 READING = "reading"  # metadata: what the reader mended, in sentences
 IMPEDANCE_KINDS = ("kp", "kd", "qvel_des", "torque_ff")  # of a joint under impedance control

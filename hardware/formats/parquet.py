@@ -1,7 +1,5 @@
 """A trajectory log as Parquet; needs pyarrow (the extra `data`)."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from importlib.util import find_spec

@@ -17,8 +17,6 @@ is missing in half of the rows or more, whatever their rates are: so lost readin
 * Rows before each command and position came for the first time are left out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple

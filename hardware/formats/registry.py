@@ -1,7 +1,5 @@
 """The formats that logs can have, in the order in which they are asked."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

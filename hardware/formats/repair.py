@@ -17,8 +17,6 @@ lie under `reading` in its metadata.
 * Columns that arrive at different rates become rows of a log (`hardware.formats.rates`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from itertools import pairwise

@@ -14,8 +14,6 @@ model), `{"model": "arm.xml"}` the MJCF, and `{"scale": {"gripper": [-0.1745, 1.
 factor that turn a joint's numbers into rad.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Sequence

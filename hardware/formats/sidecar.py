@@ -1,7 +1,5 @@
 """The JSON file next to a log: its metadata."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

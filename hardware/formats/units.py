@@ -6,8 +6,6 @@
 A unit has a dimension, and a column takes those of its kind: no speed is in seconds.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 

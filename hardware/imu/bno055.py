@@ -14,8 +14,6 @@ Source: Bosch, "BNO055 Data sheet" (BST-BNO055-DS000), 3.3 operation modes, 3.6.
 register map, 4.7 UART protocol.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from typing import NamedTuple
@@ -37,17 +35,11 @@ SWITCH = 0.03  # s that a change of mode takes at most
 
 
 class Sample(NamedTuple):
-    """The part's readings along its own axes.
+    """The part's readings along its own axes."""
 
-    Args:
-        orientation: how it is turned in the world, a unit quaternion w x y z, (4,).
-        acceleration: gravity in it [m/s^2], (3,).
-        gyro: angular velocity [rad/s], (3,).
-    """
-
-    orientation: np.ndarray
-    acceleration: np.ndarray
-    gyro: np.ndarray
+    orientation: np.ndarray  # how it is turned in the world, a unit quaternion w x y z, (4,)
+    acceleration: np.ndarray  # gravity in it [m/s^2], (3,)
+    gyro: np.ndarray  # angular velocity [rad/s], (3,)
 
 
 def request(register: int, size: int) -> bytes:

@@ -10,8 +10,6 @@ frame that is older than `STALE` is refused, which stops the robot. The heading 
 from where an episode starts, for the part counts it from its own start.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 

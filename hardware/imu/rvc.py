@@ -14,8 +14,6 @@ angular velocity.
 Source: CEVA, "BNO08X Data Sheet" (1000-3927), 1.3.5.2 UART-RVC protocol, with the example above.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from typing import NamedTuple

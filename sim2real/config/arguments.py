@@ -12,8 +12,6 @@ value of a key that holds paths is therefore quoted, unless it is a list, a swee
 quoted already.
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The catalogue of conf/, read from its files only: groups, their choices, and a line on each."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

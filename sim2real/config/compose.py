@@ -8,8 +8,6 @@ A verb is a function whose keyword-only arguments are root keys. Nothing below t
 Hydra.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields

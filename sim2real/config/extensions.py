@@ -13,8 +13,6 @@ log format or a check. Only who starts the program names the folder: no checkpoi
 configuration file can.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import sys

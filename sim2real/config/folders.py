@@ -4,8 +4,6 @@ free_folder("outputs/train/smoke/2026-11-21_10-00-00")   # made; a second one en
 run_folder(Path("outputs/train/smoke/2026-11-21_10-00-00/checkpoints/checkpoint-10.torchrl"))
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any

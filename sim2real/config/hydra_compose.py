@@ -3,8 +3,6 @@
 composed(["+experiment=smoke", "seed=3"]).seed
 """
 
-from __future__ import annotations
-
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig

@@ -3,8 +3,6 @@
 inherited(["run=evaluate", "checkpoint=outputs/train/udr/RUN"])     # and the run's own choices
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

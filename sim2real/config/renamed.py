@@ -1,7 +1,5 @@
 """Renamed keys and removed verbs: an error message names the new one."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 RENAMED = {

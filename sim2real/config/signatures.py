@@ -44,19 +44,12 @@ class Module:
 
 @dataclass(frozen=True)
 class Argument:
-    """An argument of a constructor or function.
+    """An argument of a constructor or function."""
 
-    Args:
-        name: the name of the argument.
-        hint: its annotation, or None.
-        required: whether it has no default.
-        module: where names in the annotation are looked up.
-    """
-
-    name: str
-    hint: ast.expr | None
-    required: bool
-    module: Module
+    name: str  # the name of the argument
+    hint: ast.expr | None  # its annotation, or None
+    required: bool  # whether it has no default
+    module: Module  # where names in the annotation are looked up
 
     def accepts(self, value: Any) -> bool:
         """Return whether a plain value of YAML can be this argument, as far as its hint says."""
@@ -86,21 +79,12 @@ class Argument:
 
 @dataclass(frozen=True)
 class Signature:
-    """The arguments that can be given by name.
+    """The arguments that can be given by name."""
 
-    Args:
-        name: the name of the class or function, without its module.
-        arguments: the arguments by name.
-        open: whether any other name is taken too.
-        is_class: whether it is a class.
-        callable: whether it is a class whose objects can be called.
-    """
-
-    name: str
-    arguments: dict[str, Argument]
-    open: bool
-    is_class: bool
-    callable: bool = False
+    name: str  # the name of the class or function, without its module
+    arguments: dict[str, Argument]  # the arguments by name
+    open: bool  # whether any other name is taken too
+    callable: bool = False  # whether it is a class whose objects can be called
 
 
 @cache
@@ -113,7 +97,7 @@ def find(target: str) -> Signature | None:
     if isinstance(node, ast.ClassDef):
         return _of_class(node, module)
     if isinstance(node, ast.FunctionDef):
-        return Signature(node.name, *_of_function(node, module, skip=0), is_class=False)
+        return Signature(node.name, *_of_function(node, module, skip=0))
     return None
 
 
@@ -174,14 +158,14 @@ def _of_class(node: ast.ClassDef, module: Module) -> Signature:
     called = "__call__" in own or any(parent.callable for parent in parents)
     if "__init__" in own:
         takes = _of_function(own["__init__"], module, skip=1)
-        return Signature(node.name, *takes, is_class=True, callable=called)
+        return Signature(node.name, *takes, callable=called)
     arguments: dict[str, Argument] = {}
     for parent in parents:
         arguments |= parent.arguments
     if _is_dataclass(node):
         arguments |= {a.name: a for a in _fields(node, module)}
     is_open = any(parent.open for parent in parents)
-    return Signature(node.name, arguments, is_open, is_class=True, callable=called)
+    return Signature(node.name, arguments, is_open, callable=called)
 
 
 def clear_cache() -> None:
@@ -192,7 +176,7 @@ def clear_cache() -> None:
 
 def _base(base: ast.expr, module: Module) -> Signature | None:
     if isinstance(base, ast.Name) and _is_foreign(base.id, module):
-        return Signature(base.id, {}, open=True, is_class=True)  # its source is not read
+        return Signature(base.id, {}, open=True)  # its source is not read
     found = _definition(module.name, base.id) if isinstance(base, ast.Name) else None
     return _of_class(*found) if found and isinstance(found[0], ast.ClassDef) else None  # type: ignore[arg-type]
 

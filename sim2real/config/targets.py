@@ -10,8 +10,6 @@ the program's; elsewhere `_partial_: true` says so. No other code can be reached
 stranger is data.
 """
 
-from __future__ import annotations
-
 import functools
 import importlib
 import inspect

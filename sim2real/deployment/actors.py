@@ -7,8 +7,6 @@ Nothing in these files is executed. TorchScript, pickles and other files that co
 refused.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec

@@ -7,8 +7,6 @@
 After each episode all is on disk, so that what was interrupted goes on with `load`.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from functools import partial

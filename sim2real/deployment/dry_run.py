@@ -3,8 +3,6 @@
 tell_commands(rows.log.last, out)           # out/dry_run.md and .csv, and the same as log lines
 """
 
-from __future__ import annotations
-
 import logging
 from pathlib import Path
 

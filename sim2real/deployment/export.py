@@ -11,8 +11,6 @@ The normalizer is in the program. Before anything is written, all three are comp
 observations, wild ones among them.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import logging
@@ -113,8 +111,7 @@ def to_arrays(module: nn.Module, task: ServoTask) -> tuple[Arrays, dict[str, Any
     for i, layer in enumerate(linear):
         arrays[f"weight_{i}"] = layer.weight.detach().numpy().T.copy()
         arrays[f"bias_{i}"] = layer.bias.detach().numpy().copy()
-    squash = getattr(module, "squash", False)
-    squash = ("tanh" if squash else "none") if isinstance(squash, bool) else squash
+    squash = getattr(module, "squash", "none")
     activation = "relu" if nn.ReLU in between else "tanh"
     return arrays, {"layers": len(linear), "activation": activation, "squash": squash}
 

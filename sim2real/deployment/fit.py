@@ -6,8 +6,6 @@ A robot may have other limits: they hold, whatever the policy asks for. Everythi
 order of observations and actions, rate, units, servos, gains) must be as in training.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple

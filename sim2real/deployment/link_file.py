@@ -3,8 +3,6 @@
 It is of the episodes since the deployment began or, where it was interrupted, went on.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

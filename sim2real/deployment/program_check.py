@@ -7,8 +7,6 @@ unpickles tensors that plain loading refuses. So each name must be an operator o
 expression made of symbols and arithmetic, each pickle one of tensors alone, and nothing compiled.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import re

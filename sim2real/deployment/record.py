@@ -8,8 +8,6 @@ Without a port the same bytes go to an emulated bus whose servos move a MuJoCo r
 moves only with `arm=true`; torque is off again when the motion, or anything else, ends it.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -6,8 +6,6 @@ value, _ = play(env, trained.acting(env), seed=0)   # the return
 env.close()
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path

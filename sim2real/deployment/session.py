@@ -10,8 +10,6 @@ The episodes before and after adaptation start alike, so that the starts' random
 their difference. What is saved between two episodes is enough to go on in another process.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -43,20 +41,14 @@ class EpisodePlan(NamedTuple):
 class Deployment:
     """The plan of a deployment, and how far it is.
 
-    Args:
-        theta: the trained parameters, (P,).
-        adapt: how the policy adapts; an operator without episodes leaves it as it is.
-        trials: episodes as trained, and as many after adaptation.
-        seed: the seed of the starts and of the perturbations.
-
     Raises:
         Sim2RealError: fewer than one episode.
     """
 
-    theta: np.ndarray
-    adapt: Adaptation
-    trials: int
-    seed: int
+    theta: np.ndarray  # the trained parameters, (P,)
+    adapt: Adaptation  # how the policy adapts; an operator without episodes leaves it as it is
+    trials: int  # episodes as trained, and as many after adaptation
+    seed: int  # the seed of the starts and of the perturbations
 
     def __post_init__(self) -> None:
         if self.trials < 1:

@@ -3,8 +3,6 @@
 make_stop_limits({"return_time": 10.0})             # StopLimits(return_time=10.0)
 """
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 from hardware.errors import did_you_mean

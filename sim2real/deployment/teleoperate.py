@@ -5,8 +5,6 @@
 Without ports both are emulated, and an emulated person moves the leader along `motions`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

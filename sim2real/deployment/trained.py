@@ -5,8 +5,6 @@ controller = trained.controller()             # raw observations (n, O) to actio
 controller = trained.controller(candidate)    # the same network with other parameters
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace

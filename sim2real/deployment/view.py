@@ -8,8 +8,6 @@ What is seen is the robot that the driver talks to, hidden effects and all, not 
 policy was trained in; also while it is armed, goes to its start, and parks.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import sys

@@ -10,8 +10,6 @@ along drawn orders. A cause's cost is its Shapley value: by how much it lowers t
 over all orders in which causes could be put right. Costs add up to what all causes cost together.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -50,18 +48,12 @@ Report = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Cause:
-    """An effect with its values, and how far the first one may be off.
-
-    Attributes:
-        effect: the effect.
-        values: of its parameters.
-        std: standard deviation of the first value; 0 where no interval is known.
-        ci: its 90 % interval, as the file has it; None where it has none.
-    """
+    """An effect with its values, and how far the first one may be off."""
 
     effect: Effect
-    values: tuple[float, ...]
-    std: float = 0.0
+    values: tuple[float, ...]  # of its parameters
+    std: float = 0.0  # standard deviation of the first value; 0 where no interval is known
+    # its 90 % interval, as the file has it; None where it has none
     ci: tuple[float, float] | None = None
 
     @property
@@ -121,29 +113,19 @@ class EffectCost(NamedTuple):
 
 @dataclass(frozen=True)
 class CauseCosts:
-    """The costs of all causes.
+    """The costs of all causes."""
 
-    Attributes:
-        causes: n of them.
-        plain: what the policy gets without any cause, by measure.
-        every: what it gets with all of them.
-        costs: by measure, the Shapley value of each cause: lost return, more falls, fewer seconds.
-        alone: by measure, what each costs if it is the only one.
-        last: by measure, what putting each right alone would bring.
-        open: costs of the effects that the logs do not exclude, the largest first.
-        exact: whether every subset was played.
-        episodes: E.
-    """
-
-    causes: tuple[Cause, ...]
-    plain: dict[str, Interval]
-    every: dict[str, Interval]
+    causes: tuple[Cause, ...]  # n of them
+    plain: dict[str, Interval]  # what the policy gets without any cause, by measure
+    every: dict[str, Interval]  # what it gets with all of them
+    # by measure, the Shapley value of each cause: lost return, more falls, fewer seconds
     costs: dict[str, list[Interval]]
-    alone: dict[str, list[Interval]]
-    last: dict[str, list[Interval]]
+    alone: dict[str, list[Interval]]  # by measure, what each costs if it is the only one
+    last: dict[str, list[Interval]]  # by measure, what putting each right alone would bring
+    # what effects that the logs do not exclude could cost, the dearest first
     open: tuple[EffectCost, ...]
-    exact: bool
-    episodes: int
+    exact: bool  # whether every subset was played
+    episodes: int  # E
 
 
 def read_causes(path: str | Path) -> list[Cause]:

@@ -10,8 +10,6 @@ random starts cancel in the difference. Every cell, adaptation and episode is a 
 batches. A policy of any algorithm adapts, by the parameters of its actor.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Callable, Sequence
@@ -55,11 +53,7 @@ class Evaluator(Protocol):
     """
 
     def assess(
-        self,
-        algorithm: Algorithm,
-        seed: int,
-        name: str,
-        progress: Report | None = None,
+        self, algorithm: Algorithm, seed: int, name: str, progress: Report | None = None
     ) -> Any:
         """Return the scores of one trained policy.
 
@@ -114,11 +108,7 @@ class Evaluation:
         self.grid.values(_Cells(algorithm, self).space)
 
     def assess(
-        self,
-        algorithm: Algorithm,
-        seed: int,
-        name: str,
-        progress: Report | None = None,
+        self, algorithm: Algorithm, seed: int, name: str, progress: Report | None = None
     ) -> GridScores:
         """Run every cell; the robots are made by the algorithm itself. See `run_cells`."""
         return run_cells(algorithm, self, seed, name, progress)

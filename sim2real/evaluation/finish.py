@@ -3,8 +3,6 @@
 finish(learner, files, evaluation, video, seed=0)
 """
 
-from __future__ import annotations
-
 import logging
 
 from envs.errors import RenderError

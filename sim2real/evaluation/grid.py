@@ -8,8 +8,6 @@ grid.inside(training_range(tasks, space))    # (180,) bool, see `learning.contex
 Parameters without an axis are neutral.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

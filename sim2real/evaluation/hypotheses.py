@@ -54,22 +54,16 @@ class ClaimError(Sim2RealError):
 class Operand:
     """One number for each training run.
 
-    Args:
-        experiment: whose runs.
-        when: settings that they have, as {"params.width": 0.075}; empty takes all it has.
-        robot: their mean return on this robot; or leave it out and say
-        metric: a column of metrics.csv, and
-        take: its "max" or its "last" value.
-
     Raises:
         ClaimError: neither or both of robot and metric; an unknown `take`.
     """
 
-    experiment: str
+    experiment: str  # whose runs
+    # settings that they have, as {"params.width": 0.075}; empty takes all it has
     when: Mapping[str, Any] = field(default_factory=dict)
-    robot: str | None = None
-    metric: str | None = None
-    take: Take = "last"
+    robot: str | None = None  # their mean return on this robot; None: `take` of `metric`
+    metric: str | None = None  # a column of metrics.csv
+    take: Take = "last"  # of its values
 
     def __post_init__(self) -> None:
         if (self.robot is None) == (self.metric is None):
@@ -97,28 +91,18 @@ class Operand:
 class Claim:
     """An expectation; the module's docstring gives the rules.
 
-    Args:
-        text: the claim in words.
-        left: what it is about.
-        relation: "above", "below", "not_above", "similar" or "within".
-        right: what it is compared with; of "within" there is none.
-        seeds: runs that each side needs.
-        times: factor on the right side.
-        probability: that "above" and "below" need.
-        range: the range of "within".
-
     Raises:
         ClaimError: an unknown relation, or one without what it needs.
     """
 
-    text: str
-    left: Operand
-    relation: str
-    right: Operand | None
-    seeds: int
-    times: float = 1.0
-    probability: float = 0.5
-    range: tuple[float, float] | None = None
+    text: str  # the claim in words
+    left: Operand  # what it is about
+    relation: str  # "above", "below", "not_above", "similar" or "within"
+    right: Operand | None  # what it is compared with; of "within" there is none
+    seeds: int  # runs that each side needs
+    times: float = 1.0  # factor on the right side
+    probability: float = 0.5  # that "above" and "below" need
+    range: tuple[float, float] | None = None  # the range of "within"
 
     def __post_init__(self) -> None:
         if self.relation not in RELATIONS:

@@ -10,8 +10,6 @@ each sweep. Everything is over training runs: intervals resample whole runs, sin
 policy say nothing about the next.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import json

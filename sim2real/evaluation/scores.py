@@ -56,35 +56,20 @@ class ScoresError(Sim2RealError):
 
 @dataclass(frozen=True)
 class GridScores:
-    """Returns over a grid of C cells, of R training runs with A adaptations in each cell.
+    """Returns over a grid of C cells, of R training runs with A adaptations in each cell."""
 
-    Args:
-        grid: the cells.
-        parameters: the parameters of the grid's axes.
-        box: the training range, for its axes.
-        runs: names of the training runs, R.
-        frames: environment steps that each run was trained for, R.
-        steps: environment steps that the evaluation of each run took, R.
-        episodes: fresh episodes that score each adaptation, as many before as after it.
-        adaptation_episodes: episodes that each adaptation spent.
-        before: mean return of the fresh episodes before adaptation, (R, C, A).
-        after: mean return of the same episodes' seeds after adaptation, (R, C, A).
-        before_sd: standard deviation of the return over those episodes, (R, C, A).
-        after_sd: the same after adaptation, (R, C, A).
-    """
-
-    grid: Grid
-    parameters: tuple[Parameter, ...]
-    box: Box
-    runs: tuple[str, ...]
-    frames: tuple[int, ...]
-    steps: tuple[int, ...]
-    episodes: int
-    adaptation_episodes: int
-    before: np.ndarray
-    after: np.ndarray
-    before_sd: np.ndarray
-    after_sd: np.ndarray
+    grid: Grid  # the cells
+    parameters: tuple[Parameter, ...]  # the parameters of the grid's axes
+    box: Box  # the training range, for its axes
+    runs: tuple[str, ...]  # names of the training runs, R
+    frames: tuple[int, ...]  # environment steps that each run was trained for, R
+    steps: tuple[int, ...]  # environment steps that the evaluation of each run took, R
+    episodes: int  # fresh episodes that score each adaptation, as many before as after it
+    adaptation_episodes: int  # episodes that each adaptation spent
+    before: np.ndarray  # mean return of the fresh episodes before adaptation, (R, C, A)
+    after: np.ndarray  # mean return of the same episodes' seeds after adaptation, (R, C, A)
+    before_sd: np.ndarray  # standard deviation of the return over those episodes, (R, C, A)
+    after_sd: np.ndarray  # the same after adaptation, (R, C, A)
 
     @property
     def adaptations(self) -> int:

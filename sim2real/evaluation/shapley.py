@@ -10,8 +10,6 @@ are those of Shapley (1953); the mean over drawn orders estimates them without b
 and Tejada, 2009). Either way the shares add up to what all players gain together.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import combinations
 from math import factorial

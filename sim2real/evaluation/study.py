@@ -11,8 +11,6 @@ different numbers of steps; steps within a tenth of each other count as one budg
 with a whole iteration.
 """
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -40,38 +38,25 @@ class RunsError(Sim2RealError):
 
 @dataclass(frozen=True)
 class Run:
-    """One training run, evaluated after some number of steps.
+    """One training run, evaluated after some number of steps."""
 
-    Args:
-        folder: the folder of its files.
-        experiment: its name, or "default".
-        settings: what decided its result other than the seed, as {"params.width": 0.075}.
-        expect: what the experiment expected; see `sim2real.evaluation.hypotheses`.
-        scores: what it got on each robot.
-    """
-
-    folder: Path
-    experiment: str
+    folder: Path  # the folder of its files
+    experiment: str  # its name, or "default"
+    # what decided its result other than the seed, as {"params.width": 0.075}
     settings: dict[str, Any]
-    expect: dict[str, Any]
-    scores: TransferScores
+    expect: dict[str, Any]  # what the experiment expected; see `sim2real.evaluation.hypotheses`
+    scores: TransferScores  # what it got on each robot
 
 
 @dataclass
 class Group:
-    """Runs of one experiment with the same settings.
+    """Runs of one experiment with the same settings."""
 
-    Args:
-        experiment: its name.
-        swept: the settings in which it differs from other groups of the experiment.
-        runs: its runs, at each budget by the seed's name.
-        twin: number among groups whose labels would be equal otherwise, from 1 up.
-    """
-
-    experiment: str
-    swept: dict[str, Any]
+    experiment: str  # its name
+    swept: dict[str, Any]  # the settings in which it differs from other groups of the experiment
+    # its runs, at each budget by the seed's name
     runs: dict[int, dict[str, Run]] = field(default_factory=dict)
-    twin: int = 1
+    twin: int = 1  # number among groups whose labels would be equal otherwise, from 1 up
 
     @property
     def label(self) -> str:

@@ -4,8 +4,6 @@ pictures = draw(study, "ppo_source", out, draws=2000, seed=0)
 pictures[0]                 # ("plots/sweep_udr.png", "udr over width, after 300,000 steps; ...")
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

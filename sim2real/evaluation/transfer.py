@@ -43,27 +43,16 @@ class TransferError(Sim2RealError):
 
 @dataclass(frozen=True)
 class TransferScores:
-    """One trained policy's returns on each robot.
+    """One trained policy's returns on each robot."""
 
-    Args:
-        name: the name of the training run: its seed.
-        task: name of the task's class.
-        trained_on: the robot that is the run's own task, or None.
-        frames: environment steps of the training.
-        robots: what makes each robot, by name.
-        returns: return of each episode, (E,), by robot.
-        lengths: control steps of each episode, (E,), by robot.
-        failed: episodes that a simulation error ended, by robot.
-    """
-
-    name: str
-    task: str
-    trained_on: str | None
-    frames: int
-    robots: dict[str, dict[str, Any]]
-    returns: dict[str, np.ndarray]
-    lengths: dict[str, np.ndarray]
-    failed: dict[str, int]
+    name: str  # the name of the training run: its seed
+    task: str  # name of the task's class
+    trained_on: str | None  # the robot that is the run's own task, or None
+    frames: int  # environment steps of the training
+    robots: dict[str, dict[str, Any]]  # what makes each robot, by name
+    returns: dict[str, np.ndarray]  # return of each episode, (E,), by robot
+    lengths: dict[str, np.ndarray]  # control steps of each episode, (E,), by robot
+    failed: dict[str, int]  # episodes that a simulation error ended, by robot
 
     def description(self) -> dict[str, Any]:
         """Return everything as JSON holds it."""
@@ -124,11 +113,7 @@ class Transfer:
             env_with_robot(algorithm.parts.environment, robot, dict(changes))
 
     def assess(
-        self,
-        algorithm: Algorithm,
-        seed: int,
-        name: str,
-        progress: Report | None = None,
+        self, algorithm: Algorithm, seed: int, name: str, progress: Report | None = None
     ) -> TransferScores:
         """Run one trained policy on every robot.
 

@@ -40,17 +40,11 @@ LIMITS = {"width": (16, 4096), "height": (16, 4096), "fps": (1, 240), "seconds":
 
 @dataclass(frozen=True)
 class Clip:
-    """One filmed episode.
+    """One filmed episode."""
 
-    Attributes:
-        title: what is seen.
-        frames: pictures at a constant rate, (n, height, width, 3) uint8.
-        reward: undiscounted return of the whole episode, filmed or not.
-    """
-
-    title: str
-    frames: np.ndarray
-    reward: float
+    title: str  # what is seen
+    frames: np.ndarray  # pictures at a constant rate, (n, height, width, 3) uint8
+    reward: float  # undiscounted return of the whole episode, filmed or not
 
 
 @torch.no_grad()
@@ -124,20 +118,14 @@ def tile_clips(clips: list[Clip], caption: str, least: int = 1) -> np.ndarray:
 class Video:
     """A film of a trained policy.
 
-    Args:
-        width: the width of one clip [px].
-        height: the height of one clip [px].
-        fps: pictures per second.
-        seconds: what is shown of an episode [s].
-
     Raises:
         Sim2RealError: a size, rate or length that no film has.
     """
 
-    width: int
-    height: int
-    fps: int
-    seconds: float
+    width: int  # the width of one clip [px]
+    height: int  # the height of one clip [px]
+    fps: int  # pictures per second
+    seconds: float  # what is shown of an episode [s]
 
     def __post_init__(self) -> None:
         for name, (low, high) in LIMITS.items():

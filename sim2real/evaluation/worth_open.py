@@ -7,8 +7,6 @@ comparison leaves one for every effect that it watched. Each end is something th
 still have.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any

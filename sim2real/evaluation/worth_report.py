@@ -6,8 +6,6 @@
 one of two per cent may be the fall.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path

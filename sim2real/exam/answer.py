@@ -10,8 +10,6 @@ counts as wrong. `version.txt` names which code answered, so that an exam of sev
 known for one.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

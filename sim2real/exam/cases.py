@@ -13,8 +13,6 @@ A case is two folders. Who diagnoses gets the one with the logs: `a.csv` and `b.
 holds the key, and a log that nothing is fitted to.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -27,14 +25,13 @@ import numpy as np
 from hardware.config import Robot
 from hardware.errors import HardwareError
 from hardware.log import read_log, write_log
-from sim2real.exam import hold
 from sim2real.exam.answer import TASK
 from sim2real.exam.hiding import EFFECTS, moved, place_of
+from sim2real.exam.hold import Examiner
 from sim2real.exam.logs import drive, exam_robot, overall, plans
 from sim2real.exam.measure import apart
 from sim2real.exam.outline import KEY, Outline
 from sim2real.exam.refit import withheld
-from sim2real.exam.score import Mark
 from sim2real.exam.sizes import Hidden, entries, hide
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
@@ -53,33 +50,21 @@ ALIKE = (  # effects that no log of positions can separate: never hidden togethe
 
 @dataclass(frozen=True)
 class Case:
-    """The key of a case.
+    """The key of a case."""
 
-    Args:
-        name: the name of its folders.
-        kind: what was withheld.
-        robot: its name.
-        seed: the seed of motions and noise.
-        truths: hidden effects, as entries of an effects.yaml, each with `joint` and its own `gap`.
-        gap: RMS difference between the robot with and without them [rad].
-        floor: RMS difference of the robot from itself under other noise, or one count [rad].
-        residue: what the nominal model leaves of the held-back motion with nothing hidden [rad].
-        exclude: effects that the diagnosis may not use.
-        joints: the robot's joints, in the order of its servos.
-        bodies: the joint that moves each body.
-    """
-
-    name: str
-    kind: str
-    robot: str
-    seed: int
+    name: str  # the name of its folders
+    kind: str  # what was withheld
+    robot: str  # its name
+    seed: int  # the seed of motions and noise
+    # hidden effects, as entries of an effects.yaml, each with `joint` and its own `gap`
     truths: tuple[dict[str, Any], ...]
-    gap: float
-    floor: float
+    gap: float  # RMS difference between the robot with and without them [rad]
+    floor: float  # RMS difference of the robot from itself under other noise, or one count [rad]
+    # what the nominal model leaves of the held-back motion with nothing hidden [rad]
     residue: float
-    exclude: tuple[str, ...]
-    joints: tuple[str, ...]
-    bodies: dict[str, str]
+    exclude: tuple[str, ...]  # effects that the diagnosis may not use
+    joints: tuple[str, ...]  # the robot's joints, in the order of its servos
+    bodies: dict[str, str]  # the joint that moves each body
 
     def write(self, folder: Path) -> None:
         """Write key.json into a folder."""
@@ -93,7 +78,7 @@ def write_task(folder: Path, exclude: Sequence[str], effects: str | None = None)
 
 
 @dataclass(frozen=True)
-class Exam:
+class Exam(Examiner):
     """The numbers of cases by kind.
 
     Args:
@@ -102,10 +87,8 @@ class Exam:
         two: cases with two effects, of each robot.
         none: cases with nothing hidden, of each robot.
         excluded: cases whose effect is not a candidate, of each robot.
-        longest: time after which a diagnosis counts as failed [s].
-        block: number of cases that are made and sealed before the first of them is diagnosed.
         sample: number of cases to keep, drawn at random but of every kind; None keeps all.
-        most: maximum number of cases to diagnose now; answered ones are scored. None: all.
+        longest, block, most: see `Examiner`.
 
     Raises:
         Sim2RealError: no robot, a negative number, or no case at all.
@@ -116,12 +99,10 @@ class Exam:
     two: int
     none: int
     excluded: int
-    longest: float
-    block: int
     sample: int | None = None
-    most: int | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         counts = {kind: getattr(self, kind) for kind in KINDS}
         wrong = {kind: n for kind, n in counts.items() if n < 0}
         if not self.robots or wrong or not any(counts.values()):
@@ -131,7 +112,6 @@ class Exam:
             )
         if self.sample is not None and self.sample < 1:
             raise Sim2RealError(f"sample={self.sample} must be at least 1, or null for all cases")
-        check_limits(self.longest, self.most, self.block)
 
     def draw(self, seed: int) -> list[Outline]:
         """Return the cases; the same seed gives the same ones."""
@@ -146,10 +126,6 @@ class Exam:
             for i, (kind, robot, effects) in enumerate(mixed)
         ]
 
-    def report(self, folder: Path, drawn: int, seed: int) -> list[Mark]:
-        """Open the seals, mark every case that was answered, and write tables and pictures."""
-        return hold.report(folder, drawn, seed)
-
     def _of(self, robot: str, order: np.random.Generator) -> list[Wanted]:
         cases: list[Wanted] = [("one", robot, (effect,)) for effect in EFFECTS] * self.one
         cases += [("two", robot, pair) for pair in _pairs(self.two, order)]
@@ -157,15 +133,10 @@ class Exam:
         return cases + [("excluded", robot, (e,)) for e in evenly(LOCAL, self.excluded, order)]
 
     def make(self, outline: Outline, logs: Path, key: Path) -> bool:
-        """Record a case and write its two folders; False if the robot cannot show its effect.
+        """Record a case; see `Examiner`.
 
         Two effects, or one to be removed, that a robot cannot show are drawn again, so that there
         are as many of these cases as were asked for; what each single effect was asked stays so.
-
-        Args:
-            outline: the case.
-            logs: the folder that a diagnosis is given.
-            key: the folder that it is not.
         """
         tries = (replace(outline, effects=e) for e in (outline.effects, *_others(outline)))
         return any(self._make(one, logs, key) for one in tries)
@@ -194,15 +165,6 @@ class Exam:
         write_task(logs, exclude)
         case.write(key)
         return True
-
-
-def check_limits(longest: float, most: int | None, block: int) -> None:
-    """Refuse a time limit that is none, a negative number of cases, or a block of none."""
-    if not longest > 0 or (most is not None and most < 0) or block < 1:
-        raise Sim2RealError(
-            f"longest={longest} must be above 0 s, most={most} at least 0, or null for all, and "
-            f"block={block} at least 1"
-        )
 
 
 def _without_effects(fields: list[tuple[str, Any]]) -> dict[str, Any]:

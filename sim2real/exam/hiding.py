@@ -10,8 +10,6 @@ the channels instead: sensor_noise, quantization, velocity_filter, packet_loss. 
 have no contacts, and these servos no derivative gain.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -38,27 +36,17 @@ Truth = dict[str, Any]  # {effect, where, side, value, extra, joint}
 
 @dataclass(frozen=True)
 class Secret:
-    """An effect that was chosen, with everything but its size.
+    """An effect that was chosen, with everything but its size."""
 
-    Args:
-        effect: its name.
-        where: joint or body; None for the robot.
-        joint: the joint where a diagnosis should find it: for a body the one that moves it.
-        form: how a size becomes a value.
-        unit: the number that a size multiplies.
-        direction: sign, or the direction of a tilt [rad].
-        side: motor or link, or None.
-        extra: the effect's further scalars.
-    """
-
-    effect: str
-    where: str | None
+    effect: str  # its name
+    where: str | None  # joint or body; None for the robot
+    # the joint where a diagnosis should find it: for a body the one that moves it
     joint: str | None
-    form: Form
-    unit: float
-    direction: float
-    side: str | None = None
-    extra: Mapping[str, float] = field(default_factory=dict)
+    form: Form  # how a size becomes a value
+    unit: float  # the number that a size multiplies
+    direction: float  # sign, or the direction of a tilt [rad]
+    side: str | None = None  # motor or link, or None
+    extra: Mapping[str, float] = field(default_factory=dict)  # the effect's further scalars
 
     def value(self, size: float) -> float | list[float]:
         """Return the value of this size, in the effect's unit."""

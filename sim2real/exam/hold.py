@@ -11,14 +11,14 @@ own that is given one folder of `logs/`, and leaves its answer in `answers/`. On
 of the answered cases read, and checked against the hashes that were written with the logs.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import time
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -38,40 +38,62 @@ from sim2real.runs.files import folder_lock, write_text
 from sim2real.runs.tables import Table
 
 log_ = logging.getLogger(__name__)
-T = TypeVar("T")
 LOGS, KEYS, ANSWERS, DROPPED, HELD = "logs", "keys", "answers", "dropped.txt", "held.csv"
 CLAIMS = "claims"  # who of several programs works on which case
 PATIENCE = 2.0  # s between looks at what another program does
 CONFIDENCES = (0.0, 0.5, 0.8, 0.9, 0.95, 1.001)  # edges of the table of calibration
 
 
-class Examiner(Protocol):
-    """The interface that draws and makes the cases of an exam.
+@dataclass(frozen=True, kw_only=True)
+class Examiner(ABC):
+    """The base of exams: it draws and makes the cases, and marks the answers.
 
-    Attributes:
-        longest: time after which a diagnosis counts as failed [s].
-        most: cases that are diagnosed at most before the score; None for all.
-        block: cases that are made and sealed before the first of them is diagnosed.
+    Raises:
+        Sim2RealError: one of these out of range.
     """
 
-    @property
-    def longest(self) -> float: ...  # noqa: D102
-    @property
-    def most(self) -> int | None: ...  # noqa: D102
-    @property
-    def block(self) -> int: ...  # noqa: D102
+    longest: float  # time after which a diagnosis counts as failed [s]
+    block: int  # make and seal so many cases before the first of them is diagnosed
+    # diagnose at most so many cases now, and score what is answered; None goes to the end
+    most: int | None = None
 
+    def __post_init__(self) -> None:
+        if not self.longest > 0 or (self.most is not None and self.most < 0) or self.block < 1:
+            raise Sim2RealError(
+                f"longest={self.longest} must be above 0 s, most={self.most} at least 0, or null "
+                f"for all, and block={self.block} at least 1"
+            )
+
+    @abstractmethod
     def draw(self, seed: int) -> list[Outline]:
         """Return the cases; the same seed gives the same ones."""
-        ...
 
+    @abstractmethod
     def make(self, outline: Outline, logs: Path, key: Path) -> bool:
-        """Write a case's two folders; False if it cannot be made."""
-        ...
+        """Record a case and write its two folders; False if the robot cannot show its effect.
+
+        Args:
+            outline: the case.
+            logs: the folder that a diagnosis is given.
+            key: the folder that it is not.
+        """
 
     def report(self, folder: Path, drawn: int, seed: int) -> Sequence[Any]:
-        """Open the seals and mark every case that was answered."""
-        ...
+        """Open the seals, mark every case that was answered, and write tables and pictures.
+
+        Args:
+            folder: the folder of the exam.
+            drawn: cases that it has, with those that could not be made.
+            seed: the seed of its draw.
+
+        Raises:
+            Sim2RealError: the keys are not the ones that were sealed, no case could be made, or
+                none was answered.
+        """
+        names, cases = opened(folder, drawn)
+        marks = [_mark(folder, name) for name in names]
+        write(marks, folder, seed, cases)
+        return marks
 
 
 def hold(exam: Examiner, outlines: Sequence[Outline], folder: Path) -> None:
@@ -142,37 +164,10 @@ def share(
         time.sleep(PATIENCE)
 
 
-def report(folder: Path, drawn: int, seed: int) -> list[Mark]:
-    """Open the seals, mark every case that was answered, and write the tables and the picture.
+def opened(folder: Path, drawn: int) -> tuple[list[str], int]:
+    """Check the seals; return the names of the answered cases, and how many there are in all.
 
-    Args:
-        folder: the folder of the exam.
-        drawn: cases that it has, with those that could not be made.
-        seed: the seed of its draw.
-
-    Raises:
-        Sim2RealError: the keys are not the ones that were sealed, no case could be made, or none
-            was answered.
-    """
-
-    def marked(names: Sequence[str], cases: int) -> list[Mark]:
-        marks = [_mark(folder, name) for name in names]
-        write(marks, folder, seed, cases)
-        return marks
-
-    return opened(folder, drawn, marked)
-
-
-def opened(folder: Path, drawn: int, mark: Callable[[Sequence[str], int], T]) -> T:
-    """Check the seals and return what `mark` makes of the answered cases.
-
-    Args:
-        folder: of the exam.
-        drawn: cases that it has, with those that could not be made.
-        mark: of the names of those that were answered, and of how many there are in all.
-
-    Raises:
-        Sim2RealError: as `report`.
+    Raises as `Examiner.report`.
     """
     keys, logs = folder / KEYS, folder / LOGS
     seal.check(keys, logs)
@@ -183,7 +178,7 @@ def opened(folder: Path, drawn: int, mark: Callable[[Sequence[str], int], T]) ->
     done = [name for name in names if answered(folder / ANSWERS / name)]
     if not done:
         raise Sim2RealError(f"{folder}: not one case was answered; start it again with resume=")
-    return mark(done, drawn - len(sealed) + len(names))
+    return done, drawn - len(sealed) + len(names)
 
 
 def _mark(folder: Path, name: str) -> Mark:
@@ -245,20 +240,40 @@ def write(marks: Sequence[Mark], folder: Path, seed: int, cases: int) -> None:
         "matrix": ("Hidden against named first", matrix.table(counts)),
         "failures": ("What was answered wrongly", score.failures(marks)),
     }
-    text = [f"# Blind check\n\n{_head(marks, folder, seed, cases)}\n"]
+    head = f"# Blind check\n\n{_head(marks, folder, seed, cases)}"
+    about = {"seed": seed, "cases": cases, "answered": len(marks), "partial": len(marks) < cases}
+    about |= {"versions": _versions(marks, folder)}
+    lines = "".join(f"* {line}\n" for line in dropped)
+    write_tables(folder, head, parts, about, f"\n## Not drawn\n\n{lines}" if dropped else "")
+    write_text(folder / "cases.csv", score.cases(marks).csv())
+    matrix.draw(counts, folder / "plots" / "matrix.png")
+
+
+def write_tables(
+    folder: Path,
+    head: str,
+    parts: Mapping[str, tuple[str, Table]],
+    about: Mapping[str, Any],
+    tail: str = "",
+) -> None:
+    """Write table.md with every table, each as CSV, and score.json with the figures of the first.
+
+    Args:
+        folder: the folder of the exam.
+        head: what stands above the tables.
+        parts: title and table by the name of its CSV file.
+        about: what score.json says beside the figures.
+        tail: what stands below the tables.
+    """
+    text = [f"{head}\n"]
     for name, (title, table) in parts.items():
         text.append(f"## {title}\n\n{table.markdown()}")
         write_text(folder / f"{name}.csv", table.csv())
-    if dropped:
-        text.append("## Not drawn\n\n" + "\n".join(f"* {line}" for line in dropped) + "\n")
-    write_text(folder / "table.md", "\n".join(text))
-    write_text(folder / "cases.csv", score.cases(marks).csv())
-    figures = {str(row[0]): row[1:] for row in parts["table"][1].rows}
-    about = {"seed": seed, "cases": cases, "answered": len(marks), "partial": len(marks) < cases}
-    about |= {"versions": _versions(marks, folder), "figures": figures}
-    write_text(folder / "score.json", json.dumps(about, indent=1))
-    matrix.draw(counts, folder / "plots" / "matrix.png")
-    log_.info("%s", parts["table"][1].markdown())
+    write_text(folder / "table.md", "\n".join(text) + tail)
+    _, first = next(iter(parts.values()))
+    figures = {str(row[0]): row[1:] for row in first.rows}
+    write_text(folder / "score.json", json.dumps({**about, "figures": figures}, indent=1))
+    log_.info("%s", first.markdown())
 
 
 def _head(marks: Sequence[Mark], folder: Path, seed: int, cases: int) -> str:

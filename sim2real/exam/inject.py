@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,12 +30,11 @@ import numpy as np
 from envs.effects import Effect, make, write_effects
 from hardware.log import Log, read_log, write_log
 from hardware.stand import MODEL
-from sim2real.exam import hold
-from sim2real.exam.cases import Case, check_limits, write_task
+from sim2real.exam.cases import Case, write_task
+from sim2real.exam.hold import Examiner
 from sim2real.exam.logs import overall
 from sim2real.exam.measure import apart
 from sim2real.exam.outline import Outline
-from sim2real.exam.score import Mark
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
 
@@ -46,25 +45,15 @@ TRIES = 6  # sizes that are tried for that
 
 
 class Base(NamedTuple):
-    """A real robot, and the parameters of its simulator.
+    """A real robot, and the parameters of its simulator."""
 
-    Args:
-        folder: below the data folder.
-        model: its MJCF there.
-        joints: those that are compared; others are taken out of model and logs.
-        held: the log that is held back.
-        files: the logs that a diagnosis is given.
-        known: effects as (name, joint, value, extra).
-        where: the places of each injected effect.
-    """
-
-    folder: str
-    model: str
-    joints: tuple[str, ...]
-    held: str
-    files: tuple[str, ...]
-    known: tuple[tuple[str, str, float], ...]
-    where: Mapping[str, tuple[str, ...]]
+    folder: str  # below the data folder
+    model: str  # its MJCF there
+    joints: tuple[str, ...]  # those that are compared; others are taken out of model and logs
+    held: str  # the log that is held back
+    files: tuple[str, ...]  # the logs that a diagnosis is given
+    known: tuple[tuple[str, str, float], ...]  # effects as (name, joint, value, extra)
+    where: Mapping[str, tuple[str, ...]]  # the places of each injected effect
 
 
 def _bench(gain: int) -> Base:
@@ -128,46 +117,40 @@ SIZES: Mapping[str, Mapping[str, Range]] = {
         "position_gain": (0.4, 1.0),
         "link_mass": (0.4, 1.0),
     },
-    "so101": {
-        "position_gain": (0.5, 1.5),
-        "link_mass": (0.7, 2.5),
-        "coulomb_friction": (1.0, 1.0),
-    },
+    "so101": {"position_gain": (0.5, 1.5), "link_mass": (0.7, 2.5), "coulomb_friction": (1.0, 1.0)},
 }
 
 
-class RealExam:
+@dataclass(frozen=True)
+class RealExam(Examiner):
     """Real logs with one known effect hidden in each case.
 
     Args:
         data: the folder of real logs, which the environment variable SIM2REAL_DATA names.
         each: cases of each robot and effect; places and sizes are drawn for each.
-        longest: time after which a diagnosis counts as failed [s].
-        block: number of cases that are made and sealed before the first of them is diagnosed.
-        most: maximum number of cases to diagnose now; answered ones are scored. None: all.
+        longest, block, most: see `Examiner`.
 
     Raises:
         Sim2RealError: no case; from `draw`: no folder, or one without these logs.
     """
 
-    def __init__(
-        self, data: str | None, each: int, longest: float, block: int, most: int | None = None
-    ) -> None:
-        if each < 1:
-            raise Sim2RealError(f"each={each} must be at least 1")
-        check_limits(longest, most, block)
-        self.data, self.each = Path(data or ""), each
-        self.longest, self.most, self.block = longest, most, block
+    data: str | None
+    each: int
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.each < 1:
+            raise Sim2RealError(f"each={self.each} must be at least 1")
 
     def draw(self, seed: int) -> list[Outline]:
         """Return the cases; the same seed gives the same ones."""
-        if not self.data.parts:
+        if not self.data:
             raise Sim2RealError(
                 "real logs are needed, and exam.data names no folder of them; let the environment "
                 "variable SIM2REAL_DATA name it (docs/explanation/evidence.md names public logs)"
             )
         for base in BASES.values():
-            if not (self.data / base.folder / base.model).is_file():
+            if not (self._folder(base) / base.model).is_file():
                 raise Sim2RealError(
                     f"exam.data={self.data} has no {base.folder}/{base.model}; let the environment "
                     "variable SIM2REAL_DATA name the folder of real logs"
@@ -185,24 +168,14 @@ class RealExam:
             for i, k in enumerate(order)
         ]
 
-    def report(self, folder: Path, drawn: int, seed: int) -> list[Mark]:
-        """Open the seals, mark every case that was answered, and write tables and pictures."""
-        return hold.report(folder, drawn, seed)
-
     def make(self, outline: Outline, logs: Path, key: Path) -> bool:
-        """Write a case's two folders; False if no size opens a gap that stands out.
-
-        Args:
-            outline: the case.
-            logs: the folder that a diagnosis is given.
-            key: the folder that it is not.
-        """
+        """Write a case; see `Examiner`. False if no size opens a gap that stands out."""
         base = BASES[outline.robot]
         (effect,) = outline.effects
         rng = np.random.default_rng([outline.seed, 1])
         where = str(rng.choice(base.where[effect])) or None
         up = bool(rng.integers(2))
-        spec = keep_joints(self.data / base.folder / base.model, base.joints)
+        spec = keep_joints(self._folder(base) / base.model, base.joints)
         model = spec.copy().compile()
         held = self._log(base, base.held)
         residue = overall(apart(held, spec, _effects(known(base))))
@@ -224,8 +197,11 @@ class RealExam:
         Case(*where_from, truths, gap, residue, residue, (), base.joints, bodies).write(key)
         return True
 
+    def _folder(self, base: Base) -> Path:
+        return Path(self.data or "") / base.folder
+
     def _log(self, base: Base, name: str) -> Log:
-        return shortened(read_log(self.data / base.folder / f"{name}.csv"), base.joints)
+        return shortened(read_log(self._folder(base) / f"{name}.csv"), base.joints)
 
     def _write(self, base: Base, lie: Lie, spec: mujoco.MjSpec, logs: Path, key: Path) -> None:
         path = write_text(logs / MODEL, lie.spec(spec).to_xml())

@@ -11,20 +11,19 @@ withholds is known, its true size only as well as who published it could fit it.
 * The verdict has to be one of the case's.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from hardware.log import read_log, write_log
 from sim2real.exam.answer import REPORT
-from sim2real.exam.cases import check_limits, write_task
-from sim2real.exam.hold import ANSWERS, opened
+from sim2real.exam.cases import write_task
+from sim2real.exam.hold import ANSWERS, Examiner, opened
 from sim2real.exam.outline import KEY, Outline
 from sim2real.exam.score import wilson, words
 from sim2real.runs.errors import Sim2RealError
@@ -37,16 +36,11 @@ NEAR = 0.2  # s: how near to its moment a push has to be
 
 @dataclass(frozen=True)
 class Wanted:
-    """A cause that has to be named.
+    """A cause that has to be named."""
 
-    Args:
-        effect: names of which it has to have one.
-        where: places of which it has to have one; None is the robot.
-        at: moments at which it acts, as (episode, s); none: throughout.
-    """
-
-    effect: Sequence[str]
-    where: Sequence[str | None]
+    effect: Sequence[str]  # names of which it has to have one
+    where: Sequence[str | None]  # places of which it has to have one; None is the robot
+    # moments at which it acts, as (episode, s); none: throughout
     at: Sequence[tuple[int, float]] = ()
 
     def counts_in(self, causes: Sequence[Mapping[str, Any]]) -> bool:
@@ -62,87 +56,67 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Keyed:
-    """One log and a model of its robot.
+    """One log and a model of its robot."""
 
-    Args:
-        log: the log's path in the folder of real logs.
-        model: the model's path there.
-        wanted: causes that have to be named.
-        verdicts: that are right.
-        exclude: effects that the diagnosis is not given.
-        more: whether other causes may be named as well.
-    """
-
-    log: str
-    model: str
-    wanted: Sequence[Wanted] = ()
-    verdicts: Sequence[str] = ("explained", "partly_explained")
-    exclude: Sequence[str] = ()
-    more: bool = False
+    log: str  # the log's path in the folder of real logs
+    model: str  # the model's path there
+    wanted: Sequence[Wanted] = ()  # causes that have to be named
+    verdicts: Sequence[str] = ("explained", "partly_explained")  # that are right
+    exclude: Sequence[str] = ()  # effects that the diagnosis is not given
+    more: bool = False  # whether other causes may be named as well
 
 
 @dataclass(frozen=True)
 class KeyedMark:
-    """What became of one case.
+    """What became of one case."""
 
-    Args:
-        case: its name.
-        answer: verdict and causes in words.
-        named: whether all that was wanted is named.
-        alone: whether nothing else is, or may be.
-        verdict: whether the verdict is right.
-        seconds: the duration of the diagnosis; None if it failed.
-    """
-
-    case: str
-    answer: str
-    named: bool
-    alone: bool
-    verdict: bool
-    seconds: float | None
+    case: str  # its name
+    answer: str  # verdict and causes in words
+    named: bool  # whether all that was wanted is named
+    alone: bool  # whether nothing else is, or may be
+    verdict: bool  # whether the verdict is right
+    seconds: float | None  # the duration of the diagnosis; None if it failed
 
 
-class KeyedExam:
+@dataclass(frozen=True)
+class KeyedExam(Examiner):
     """Every case once.
 
     Args:
         data: the folder of real logs, which the environment variable SIM2REAL_DATA names.
         cases: arguments of each case by its name, see `read_case`.
-        longest: time after which a diagnosis counts as failed [s].
-        block: make and seal so many cases before the first of them is diagnosed.
-        most: diagnose at most so many cases now, and score what is answered; None goes to the end.
+        longest, block, most: see `Examiner`.
 
     Raises:
         Sim2RealError: a case with other arguments; from `draw`: no folder, or one without a log or
             model.
     """
 
-    def __init__(
-        self,
-        data: str | None,
-        cases: Mapping[str, Mapping[str, Any]],
-        longest: float,
-        block: int,
-        most: int | None = None,
-    ) -> None:
-        check_limits(longest, most, block)
-        self.data = Path(data or "")
-        self.cases = {name: read_case(name, entry) for name, entry in cases.items()}
-        self.longest, self.most, self.block = longest, most, block
+    data: str | None
+    cases: Mapping[str, Mapping[str, Any]]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _ = self.keyed
+
+    @cached_property
+    def keyed(self) -> dict[str, Keyed]:
+        """The cases by name."""
+        return {name: read_case(name, entry) for name, entry in self.cases.items()}
 
     def draw(self, seed: int) -> list[Outline]:
         """Return the cases; nothing is drawn, so that any seed gives the same ones."""
-        for name, case in self.cases.items():
+        for name, case in self.keyed.items():
             for part in (case.log, case.model):
-                if not self.data.parts or not (self.data / part).is_file():
+                if not self.data or not Path(self.data, part).is_file():
                     raise Sim2RealError(
-                        f"exam.data={self.data if self.data.parts else None} has no {part}, which "
+                        f"exam.data={self.data or None} has no {part}, which "
                         f"{name} needs; let the environment variable SIM2REAL_DATA name the folder "
                         "of real logs (docs/logs.md names the public sources)"
                     )
         return [
             Outline(name, "keyed", Path(case.log).parts[0], (), seed)
-            for name, case in self.cases.items()
+            for name, case in self.keyed.items()
         ]
 
     def make(self, outline: Outline, logs: Path, key: Path) -> bool:
@@ -153,28 +127,21 @@ class KeyedExam:
             logs: the folder that a diagnosis is given.
             key: the folder that it is not.
         """
-        case = self.cases[outline.name]
+        case, data = self.keyed[outline.name], Path(self.data or "")
         logs.mkdir(parents=True, exist_ok=True)
-        model = Path(shutil.copy(self.data / case.model, logs / "model.xml")).resolve()
-        log = read_log(self.data / case.log)
+        model = Path(shutil.copy(data / case.model, logs / "model.xml")).resolve()
+        log = read_log(data / case.log)
         write_log(logs / "a.csv", replace(log, meta={**log.meta, "model": str(model)}))
         write_task(logs, case.exclude)
         write_text(key / KEY, json.dumps({"name": outline.name}) + "\n")
         return True
 
     def report(self, folder: Path, drawn: int, seed: int) -> list[KeyedMark]:
-        """Open the seals, mark every case that was answered, and write the tables.
-
-        Raises:
-            Sim2RealError: the keys are not the ones that were sealed, or no case was answered.
-        """
-
-        def marked(names: Sequence[str], cases: int) -> list[KeyedMark]:
-            marks = [mark(name, self.cases[name], _answer(folder, name)) for name in names]
-            _write(marks, folder, cases)
-            return marks
-
-        return opened(folder, drawn, marked)
+        """Mark the answered cases and write the tables; see `Examiner`."""
+        names, cases = opened(folder, drawn)
+        marks = [mark(name, self.keyed[name], _answer(folder, name)) for name in names]
+        _write(marks, folder, cases)
+        return marks
 
 
 def read_case(name: str, entry: Mapping[str, Any]) -> Keyed:

@@ -12,8 +12,6 @@ The robots are emulated ones; in some of them an effect is hidden as well. Rules
 * A hidden effect is found if a cause of kind `robot` has its name and place.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Mapping, Sequence
@@ -27,9 +25,9 @@ from hardware.config import load_robot
 from hardware.errors import HardwareError
 from hardware.log import Log, write_log
 from sim2real.exam.answer import REPORT
-from sim2real.exam.cases import check_limits, evenly, write_task
+from sim2real.exam.cases import evenly, write_task
 from sim2real.exam.hiding import EFFECTS
-from sim2real.exam.hold import ANSWERS, DROPPED, KEYS, opened
+from sim2real.exam.hold import ANSWERS, DROPPED, KEYS, Examiner, opened, write_tables
 from sim2real.exam.log_mistakes import KINDS, PAIRED, Mistake, draw_mistake
 from sim2real.exam.logs import drive, exam_robot, plans
 from sim2real.exam.outline import KEY, Outline
@@ -52,42 +50,28 @@ BESIDE = tuple(
 
 @dataclass(frozen=True)
 class LogMark:
-    """The result of one case.
+    """The result of one case."""
 
-    Args:
-        case: its name.
-        robot: its name.
-        mistake: the mistake in words.
-        hidden: the effect that is hidden as well, "" for none.
-        answer: verdict and causes in words.
-        named: whether the mistake is named.
-        blamed: whether the robot is: called `explained` without a mistake of the log.
-        found: whether the effect is named; None where there is none.
-        seconds: the duration of the diagnosis; None if it failed.
-    """
-
-    case: str
-    robot: str
-    mistake: str
-    hidden: str
-    answer: str
-    named: bool
-    blamed: bool
-    found: bool | None
-    seconds: float | None
+    case: str  # its name
+    robot: str  # its name
+    mistake: str  # the mistake in words
+    hidden: str  # the effect that is hidden as well, "" for none
+    answer: str  # verdict and causes in words
+    named: bool  # whether the mistake is named
+    blamed: bool  # whether the robot is: called `explained` without a mistake of the log
+    found: bool | None  # whether the effect is named; None where there is none
+    seconds: float | None  # the duration of the diagnosis; None if it failed
 
 
 @dataclass(frozen=True)
-class LogExam:
+class LogExam(Examiner):
     """The number of cases, and their robots.
 
     Args:
         robots: names of conf/robot; one of them has two joints.
         count: cases.
         beside: of these, cases with a hidden effect as well.
-        longest: time after which a diagnosis counts as failed [s].
-        block: number of cases that are made and sealed before the first of them is diagnosed.
-        most: maximum number of cases to diagnose now; answered ones are scored. None: all.
+        longest, block, most: see `Examiner`.
 
     Raises:
         Sim2RealError: no robot, no case, or more with an effect than there are.
@@ -96,18 +80,15 @@ class LogExam:
     robots: Sequence[str]
     count: int
     beside: int
-    longest: float
-    block: int
-    most: int | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.robots or self.count < 1 or not 0 <= self.beside <= self.count:
             raise Sim2RealError(
                 f"an exam of robots={list(self.robots)}, count={self.count} and "
                 f"beside={self.beside} cannot be drawn. Name a robot, and give a count of at "
                 "least 1 and a number of cases with an effect (`beside`) from 0 to count."
             )
-        check_limits(self.longest, self.most, self.block)
 
     def draw(self, seed: int) -> list[Outline]:
         """Return the cases: every kind and robot equally often, as far as the count allows."""
@@ -128,13 +109,7 @@ class LogExam:
         return outlines
 
     def make(self, outline: Outline, logs: Path, key: Path) -> bool:
-        """Record a case and write its two folders; False if the robot cannot show its effect.
-
-        Args:
-            outline: the case.
-            logs: the folder that a diagnosis is given.
-            key: the folder that it is not.
-        """
+        """Record a case; see `Examiner`."""
         robot = exam_robot(outline.robot, logs)
         hidden: Hidden | None = Hidden((), 0.0, 0.0)
         if outline.effects:
@@ -161,18 +136,11 @@ class LogExam:
         return True
 
     def report(self, folder: Path, drawn: int, seed: int) -> list[LogMark]:
-        """Open the seals, mark every case that was answered, and write the tables.
-
-        Raises:
-            Sim2RealError: the keys are not the ones that were sealed, or no case was answered.
-        """
-
-        def marked(names: Sequence[str], cases: int) -> list[LogMark]:
-            marks = [_marked(folder, name) for name in names]
-            _write(marks, folder, seed, cases)
-            return marks
-
-        return opened(folder, drawn, marked)
+        """Mark the answered cases and write the tables; see `Examiner`."""
+        names, cases = opened(folder, drawn)
+        marks = [_marked(folder, name) for name in names]
+        _write(marks, folder, seed, cases)
+        return marks
 
 
 def mark(key: Mapping[str, Any], report: Mapping[str, Any] | None) -> LogMark:
@@ -231,22 +199,18 @@ def _marked(folder: Path, name: str) -> LogMark:
 
 
 def _write(marks: Sequence[LogMark], folder: Path, seed: int, cases: int) -> None:
-    """Write table.md, cases.csv and score.json."""
-    figures = summary(marks)
-    answers = Table(tuple(LogMark.__dataclass_fields__))
+    """Write table.md, table.csv, cases.csv and score.json."""
+    names = tuple(LogMark.__dataclass_fields__)
+    answers = Table(names)
     for one in marks:
-        values = [getattr(one, name) for name in LogMark.__dataclass_fields__]
+        values = [getattr(one, name) for name in names]
         answers.add(*(int(v) if isinstance(v, bool) else v for v in values))
     dropped = len(list((folder / KEYS).glob(f"*/{DROPPED}")))
-    head = f"{len(marks)} of {cases} cases of seed {seed} were answered"
+    head = f"# Mistakes of logs\n\n{len(marks)} of {cases} cases of seed {seed} were answered"
     head += f"; {dropped} could not be made." if dropped else "."
-    text = f"# Mistakes of logs\n\n{head}\n\n{figures.markdown()}\n{answers.markdown()}"
-    write_text(folder / "table.md", text)
-    write_text(folder / "cases.csv", answers.csv())
     about = {"seed": seed, "cases": cases, "answered": len(marks)}
-    rows = {str(row[0]): row[1:] for row in figures.rows}
-    write_text(folder / "score.json", json.dumps(about | {"figures": rows}, indent=1))
-    log_.info("%s", figures.markdown())
+    parts = {"table": ("Figures", summary(marks)), "cases": ("Cases", answers)}
+    write_tables(folder, head, parts, about)
 
 
 def summary(marks: Sequence[LogMark]) -> Table:

@@ -34,17 +34,7 @@ import numpy as np
 from hardware.log import Log
 
 COMMAND, READING, SPEED = "ctrl", "qpos", "qvel"
-KINDS = (
-    "row_shift",
-    "reversal",
-    "scale",
-    "offset",
-    "turn",
-    "unit",
-    "clock",
-    "swap",
-    "column_map",
-)
+KINDS = ("row_shift", "reversal", "scale", "offset", "turn", "unit", "clock", "swap", "column_map")
 PAIRED = ("swap", "column_map")  # needs two joints
 SPEEDLESS = ("offset", "turn")  # of a position; its speed is right
 MOST_ROWS = 3  # that a column is shifted by
@@ -56,23 +46,14 @@ JUMPS = (0.3, 0.7)  # shares of the log after which a reading jumps
 
 @dataclass(frozen=True)
 class Mistake:
-    """One mistake of a log.
+    """One mistake of a log."""
 
-    Args:
-        kind: one of `KINDS`.
-        columns: kinds of columns that have it: `ctrl`, `qpos`, both, or `time`.
-        joint: whose columns; None for those of all joints.
-        value: its size, by the table of the module.
-        other: the second joint of a swap or a sum.
-        seconds: when a reading jumps [s]; None: from the start.
-    """
-
-    kind: str
-    columns: tuple[str, ...]
-    joint: str | None
-    value: float
-    other: str | None = None
-    seconds: float | None = None
+    kind: str  # one of `KINDS`
+    columns: tuple[str, ...]  # kinds of columns that have it: `ctrl`, `qpos`, both, or `time`
+    joint: str | None  # whose columns; None for those of all joints
+    value: float  # its size, by the table of the module
+    other: str | None = None  # the second joint of a swap or a sum
+    seconds: float | None = None  # when a reading jumps [s]; None: from the start
 
     def apply(self, log: Log) -> Log:
         """Return the log with this mistake in it; a shift repeats the first or last row."""

@@ -11,8 +11,6 @@ itself is `hardware.emulator`, whose laws, time step and timing are its own. Its
 log of 24 s takes about one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

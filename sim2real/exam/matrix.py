@@ -7,8 +7,6 @@ A cell counts cases; the diagonal is right.
     draw(counts, out / "plots" / "matrix.png")
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple

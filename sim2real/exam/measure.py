@@ -7,8 +7,6 @@ Each joint is compared at the moment when it was read (`stamp.<joint>`), which o
 milliseconds before the row's command.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mujoco

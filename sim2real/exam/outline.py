@@ -1,7 +1,5 @@
 """The outline of a case before it is made."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 KEY = "key.json"  # what a case's key is called in its folder

@@ -9,8 +9,6 @@ population of simulations at a time: slow, but it needs no slope and shares noth
 diagnosis that it helps to check.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from pathlib import Path

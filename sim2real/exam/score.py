@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -33,6 +33,7 @@ from scipy import stats
 
 from envs.effects import EFFECTS
 from sim2real.exam.hiding import EFFECTS as HIDDEN
+from sim2real.runs import statistics
 from sim2real.runs.statistics import Interval, bootstrap
 from sim2real.runs.tables import Table
 
@@ -44,59 +45,44 @@ COMPARABLE = tuple(name for name in HIDDEN if EFFECTS[name].comparable)
 Named = tuple[str, str | None]  # effect and place
 
 
-@dataclass(frozen=True)
-class Mark:
-    """The result of one case; None where a question does not apply.
+@dataclass(frozen=True, kw_only=True)
+class CaseMark:
+    """The result of one case of any exam; None where a question does not apply."""
 
-    Args:
-        case: its name.
-        kind: one, two, none or excluded.
-        robot: its name.
-        hidden: the hidden effects in words.
-        answer: the verdict and the causes in words.
-        truths: the hidden effects' names.
-        first: the name that the answer gives at rank 1: the truth's if its set holds it.
-        rank1: whether the first cause is right.
-        rank3: whether all hidden effects are among the first three.
-        place: whether the first place is right.
-        recognized: whether a removed effect was not called explained.
-        alarm: with nothing hidden, whether the verdict was anything but no_gap.
-        closed: share of the closable gap that is closed on the sealed log.
-        claimed: the same as the report says.
-        error: relative error of the value of the first cause, where it can be compared.
-        covered: whether its interval holds the truth.
-        confidence: the confidence of the first cause.
-        superfluous: causes that nothing hidden stands behind.
-        is_set: whether another recording could part a cause from an equivalent.
-        inside: of a set, whether all hidden effects are in it.
-        exact: of an answer that is none, whether it names the hidden effects and nothing else.
-        seconds: the duration of the diagnosis.
-        reason: why it is wrong, for people; "" if it is right.
-    """
-
-    case: str
-    kind: str
-    robot: str
-    hidden: str
-    answer: str
-    truths: tuple[str, ...]
-    first: str
-    rank1: bool | None = None
-    rank3: bool | None = None
-    place: bool | None = None
-    recognized: bool | None = None
-    alarm: bool | None = None
-    closed: float | None = None
-    claimed: float | None = None
+    case: str  # its name
+    kind: str  # what was withheld
+    robot: str  # its name
+    hidden: str  # the hidden effects in words
+    answer: str  # the verdict and the causes in words
+    rank1: bool | None = None  # whether the first cause is right
+    rank3: bool | None = None  # whether all hidden effects are among the first three
+    place: bool | None = None  # whether the first place is right
+    # relative error of the value of the first cause, where it can be compared
     error: float | None = None
-    covered: bool | None = None
-    confidence: float | None = None
-    superfluous: int = 0
-    is_set: bool | None = None
-    inside: bool | None = None
+    covered: bool | None = None  # whether its interval holds the truth
+    confidence: float | None = None  # of the first cause
+    # whether the first cause is right, for the calibration; None without a cause
+    right: bool | None = None
+    superfluous: int | None = None  # causes that nothing hidden stands behind
+    # share of the closable gap that is closed on a log that the diagnosis never saw
+    closed: float | None = None
+    seconds: float | None = None  # the duration of the diagnosis
+    reason: str = ""  # why it is wrong, for people; "" if it is right
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mark(CaseMark):
+    """What became of one case: of the kind one, two, none or excluded."""
+
+    truths: tuple[str, ...]  # the hidden effects' names
+    first: str  # the name that the answer gives at rank 1: the truth's if its set holds it
+    recognized: bool | None = None  # whether a removed effect was not called explained
+    alarm: bool | None = None  # with nothing hidden, whether the verdict was anything but no_gap
+    claimed: float | None = None  # share of the closable gap that is closed, as the report says
+    is_set: bool | None = None  # whether another recording could part a cause from an equivalent
+    inside: bool | None = None  # of a set, whether all hidden effects are in it
+    # of an answer that is none, whether it names the hidden effects and nothing else
     exact: bool | None = None
-    seconds: float | None = None
-    reason: str = field(default="")
 
 
 def mark(key: Mapping[str, Any], report: Mapping[str, Any] | None, closed: float | None) -> Mark:
@@ -140,12 +126,13 @@ def mark(key: Mapping[str, Any], report: Mapping[str, Any] | None, closed: float
 def _failed(common: dict[str, Any]) -> Mark:
     kind = common["kind"]
     named = dict.fromkeys(("rank1", "rank3", "place", "is_set", "exact"), False)
+    common |= {"answer": "failed", "first": "failed", "superfluous": 0}
     wrong: dict[str, dict[str, Any]] = {
         "none": {"alarm": True},
         "excluded": {"recognized": False, "place": False},
     }
     marks: dict[str, Any] = wrong.get(kind, {**named, "closed": 0.0})
-    return Mark(**common, **marks, answer="failed", first="failed", reason="the diagnosis failed")
+    return Mark(**common, **marks, reason="the diagnosis failed")
 
 
 def _excluded(
@@ -186,6 +173,7 @@ def _found(
         error=error,
         covered=covered,
         confidence=lead["confidence"] if lead else None,
+        right=rank1 if lead else None,
         **_ambiguity(report, causes, truths),
         reason=_why(report, first, truths, rank1, place),
     )
@@ -308,14 +296,10 @@ def median(values: Iterable[float], rng: np.random.Generator) -> Interval | None
         return None
     if len(found) == 1:
         return Interval(*np.repeat(found, 3).tolist())
-    return bootstrap(found, _middle, rng, draws=DRAWS, resample="rows", level=LEVEL)
+    return bootstrap(found, statistics.median, rng, draws=DRAWS, resample="rows", level=LEVEL)
 
 
-def _middle(values: np.ndarray) -> np.ndarray:
-    return np.median(values, axis=(-2, -1))
-
-
-def of(marks: Sequence[Mark], name: str) -> list[Any]:
+def of(marks: Sequence[CaseMark], name: str) -> list[Any]:
     """Return one question's marks where it applies."""
     return [value for one in marks if (value := getattr(one, name)) is not None]
 
@@ -344,7 +328,7 @@ def summary(marks: Sequence[Mark], rng: np.random.Generator) -> Table:
     add("removed effect: place right", of(excluded, "place"), "")
     add("value in its 90 % interval", of(shown, "covered"), "0.75 to 0.97")
     add("relative error of values, median", of(shown, "error"), "", middle)
-    add("superfluous causes, mean", [one.superfluous for one in shown], "≤ 0.05", _mean)
+    add("superfluous causes, mean", of(shown, "superfluous"), "≤ 0.05", mean)
     add("answers that are sets", of(shown, "is_set"), "≤ 0.30")
     add("the truth inside these sets", of(shown, "inside"), "≥ 0.98")
     add("without equivalents, exactly right", of(shown, "exact"), "≥ 0.90")
@@ -360,36 +344,46 @@ def summary(marks: Sequence[Mark], rng: np.random.Generator) -> Table:
     return table
 
 
-def _mean(values: Sequence[float]) -> float | None:
+def mean(values: Sequence[float] | np.ndarray) -> float | None:
+    """Return the mean; None of nothing."""
     return float(np.mean(values)) if len(values) else None
 
 
-def calibration(marks: Sequence[Mark], edges: Sequence[float]) -> Table:
+def calibration(marks: Sequence[CaseMark], edges: Sequence[float]) -> Table:
     """Return how often the first cause is right, by the confidence that it was named with."""
     table = Table(("confidence", "cases", "mean confidence", "right"))
-    asked = [m for m in marks if m.confidence is not None and m.rank1 is not None]
+    said, right = confidences(marks)
     for low, high in pairwise(edges):
-        own = [m for m in asked if low <= m.confidence < high]  # type: ignore[operator]
-        mean = _mean([float(m.confidence or 0.0) for m in own])
-        table.add(f"{low:g} to {min(high, 1.0):g}", len(own), mean, wilson(of(own, "rank1")))
-    if asked:
-        brier = np.mean([(float(m.confidence or 0) - bool(m.rank1)) ** 2 for m in asked])
+        own = (low <= said) & (said < high)
+        words = f"{low:g} to {min(high, 1.0):g}"
+        table.add(words, int(own.sum()), mean(said[own]), wilson(right[own].tolist()))
+    if len(said):
+        brier = np.mean((said - right) ** 2)
         table.notes.append(f"Brier score {brier:.3f} (0 is best, 0.25 is a coin's).")
     return table
 
 
-def failures(marks: Sequence[Mark]) -> Table:
-    """Return the cases that were answered wrongly, and how."""
-    table = Table(("case", "robot", "kind", "hidden", "answer", "why"))
+def confidences(marks: Sequence[CaseMark]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the confidences of first causes, (N,), and which of these are right, (N,) bool."""
+    asked = [one for one in marks if one.right is not None]
+    said = np.array([one.confidence or 0.0 for one in asked], float)
+    return said, np.array([one.right for one in asked], bool)
+
+
+def failures(marks: Sequence[CaseMark], *sizes: str) -> Table:
+    """Return the cases that were answered wrongly, and how; `sizes` are further numbers of them."""
+    table = Table(("case", "robot", "kind", *sizes, "hidden", "answer", "why"))
     for one in marks:
         if one.reason:
-            table.add(one.case, one.robot, one.kind, one.hidden, one.answer, one.reason)
+            numbers = (round(getattr(one, name), 1) for name in sizes)
+            told = (one.hidden, one.answer, one.reason)
+            table.add(one.case, one.robot, one.kind, *numbers, *told)
     return table
 
 
-def cases(marks: Sequence[Mark]) -> Table:
+def cases(marks: Sequence[CaseMark]) -> Table:
     """Return every case with all its marks."""
-    names = [name for name in Mark.__dataclass_fields__ if name != "truths"]
+    names = [name for name in type(marks[0]).__dataclass_fields__ if name != "truths"]
     table = Table(names)
     for one in marks:
         values = [getattr(one, name) for name in names]

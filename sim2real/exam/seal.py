@@ -9,8 +9,6 @@ hash of a hundred digits and letters tells nothing of what it was made of: the k
 full precision, too many to try one by one.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterable

@@ -7,8 +7,6 @@ The gap of an effect is the RMS difference between the robot with and without it
 same motion under the same noise; the floor is that of the robot from itself under other noise.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 from collections.abc import Callable, Sequence
@@ -30,17 +28,12 @@ Gap = Callable[[list[dict[str, Any]]], float | None]  # of entries; None: the ro
 
 
 class Hidden(NamedTuple):
-    """A hidden effect, and its influence on the log.
+    """A hidden effect, and its influence on the log."""
 
-    Args:
-        truths: entries of an effects.yaml, each with `joint` and its own `gap`.
-        gap: RMS difference between the robot with and without all of them [rad].
-        floor: RMS difference of the robot from itself under other noise, or one count [rad].
-    """
-
+    # entries of an effects.yaml, each with `joint` and its own `gap`
     truths: tuple[dict[str, Any], ...]
-    gap: float
-    floor: float
+    gap: float  # RMS difference between the robot with and without all of them [rad]
+    floor: float  # RMS difference of the robot from itself under other noise, or one count [rad]
 
 
 def hide(robot: Robot, effects: Sequence[str], seed: int) -> Hidden | None:
@@ -105,12 +98,7 @@ def _place(
     return None
 
 
-def search(
-    secret: Secret,
-    wanted: float,
-    least: float,
-    gap: Gap,
-) -> tuple[float, float] | None:
+def search(secret: Secret, wanted: float, least: float, gap: Gap) -> tuple[float, float] | None:
     """Find the size of an effect that makes a gap: by the secant in logarithms, kept in brackets.
 
     Args:

@@ -8,8 +8,6 @@ each generation asks where it is likely to be below the least one that is expect
 2020). Numbers that are all above 0, as sums of squares are, are looked at by their logarithm.
 """
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 from typing import Any
 
@@ -44,11 +42,7 @@ class Bayesian:
         self.first, self.population, self.generations = first, population, generations
 
     def minimize(
-        self,
-        evaluate: Evaluate,
-        prior: Space,
-        seed: int,
-        on_turn: OnTurn | None = None,
+        self, evaluate: Evaluate, prior: Space, seed: int, on_turn: OnTurn | None = None
     ) -> SearchResult:
         """Search within the prior's ends; see `Search`."""
         low, width = prior.low, prior.high - prior.low

@@ -8,8 +8,6 @@ given, the truth's rank is uniform if the posterior is right (Talts et al. 2018,
 A Kolmogorov-Smirnov test says whether it is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 data = Recordings(read_logs("logs/"), "arm.xml", fixed=load_effects("effects.yaml"))
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

@@ -6,8 +6,6 @@
 The logs are replayed in the task that the policy was trained in; what training draws is the prior.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path

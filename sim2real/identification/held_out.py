@@ -11,8 +11,6 @@ continuous ranked probability score of these draws (Gneiting and Raftery 2007, t
 an estimate without a width scores its absolute error.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

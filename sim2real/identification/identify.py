@@ -5,8 +5,6 @@ outcome.found.names, outcome.found.mean, outcome.found.std
 outcome.judged.coverage            # of held-out readings, by the 90 % band of draws
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -9,8 +9,6 @@ point where it was stopped; the score's learned state is loaded there. The file 
 and holds arrays only.
 """
 
-from __future__ import annotations
-
 import zipfile
 from pathlib import Path
 from typing import Any

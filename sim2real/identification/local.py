@@ -10,8 +10,6 @@ prior's width. Errors of neighbouring rows hang together; their products with th
 therefore summed over lags (Newey and West, Econometrica 55, 1987).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -3,8 +3,6 @@
 write(outcome, Path("outputs/identify/..."))    # distribution.yaml, table.md, identify.json, ...
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path

@@ -5,8 +5,6 @@ prior = of_candidates("report.json", data)         # what a diagnosis leaves ope
 prior = of_candidates(["coulomb_friction"], data)  # effects by name, wherever they can be
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

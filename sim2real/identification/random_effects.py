@@ -9,8 +9,6 @@ N(true value, covariance). Spread by restricted maximum likelihood, by an EM alg
 Ware, Biometrics 38, 1982); the mean's uncertainty is that of generalized least squares.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -7,8 +7,6 @@
 All randomness follows from the seed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -68,11 +66,7 @@ class Search(Protocol):
     """Base class of searches."""
 
     def minimize(
-        self,
-        evaluate: Evaluate,
-        prior: Space,
-        seed: int,
-        on_turn: OnTurn | None = None,
+        self, evaluate: Evaluate, prior: Space, seed: int, on_turn: OnTurn | None = None
     ) -> SearchResult:
         """Search within the prior's ends.
 
@@ -118,11 +112,7 @@ class Cma:
         self.sigma, self.tolerance = sigma, tolerance
 
     def minimize(
-        self,
-        evaluate: Evaluate,
-        prior: Space,
-        seed: int,
-        on_turn: OnTurn | None = None,
+        self, evaluate: Evaluate, prior: Space, seed: int, on_turn: OnTurn | None = None
     ) -> SearchResult:
         """Search within the prior's ends; see `Search`."""
         import cma
@@ -180,11 +170,7 @@ class EasiEs:
     """
 
     def __init__(
-        self,
-        population: int = 300,
-        generations: int = 50,
-        elite: float = 0.5,
-        floor: float = 0.1,
+        self, population: int = 300, generations: int = 50, elite: float = 0.5, floor: float = 0.1
     ) -> None:
         if population < 4 or generations < 1 or not 0 < elite <= 1 or floor < 0:
             raise Sim2RealError(
@@ -195,11 +181,7 @@ class EasiEs:
         self.elite, self.floor = elite, floor
 
     def minimize(
-        self,
-        evaluate: Evaluate,
-        prior: Space,
-        seed: int,
-        on_turn: OnTurn | None = None,
+        self, evaluate: Evaluate, prior: Space, seed: int, on_turn: OnTurn | None = None
     ) -> SearchResult:
         """Search within the prior's ends; see `Search`."""
         low, high = prior.low, prior.high

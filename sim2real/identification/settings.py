@@ -1,7 +1,5 @@
 """The settings of an identification that are not arguments of classes in `conf/identify`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from sim2real.diagnosis.settings import setting

@@ -60,17 +60,12 @@ def training_range(tasks: Any, space: ParamSpace) -> dict[str, tuple[float, floa
 
 @dataclass(frozen=True, eq=False)
 class ContextSpec:
-    """Which parameters a policy receives, and over which ranges.
+    """Which parameters a policy receives, and over which ranges."""
 
-    Attributes:
-        parameters: P of them, in the order of the simulator's space.
-        low: lower ends of the ranges that training draws them from, (P,), each in its unit.
-        high: upper ends, (P,).
-    """
-
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[Parameter, ...]  # P of them, in the order of the simulator's space
+    # lower ends of the ranges that training draws them from, (P,), each in its unit
     low: np.ndarray
-    high: np.ndarray
+    high: np.ndarray  # upper ends, (P,)
 
     @classmethod
     def from_tasks(cls, tasks: Tasks, space: ParamSpace) -> ContextSpec:
@@ -123,10 +118,6 @@ class ContextSpec:
     def normalize(self, values: np.ndarray, limit: float) -> np.ndarray:
         """Map values (..., P) from the training ranges to [-1, 1], clipped to ± limit."""
         return np.clip((values - self.center) / self.half_range, -limit, limit)
-
-    def denormalize(self, said: np.ndarray) -> np.ndarray:
-        """Map normalized values (..., P) back to their units; the inverse of `normalize`."""
-        return self.center + np.asarray(said) * self.half_range
 
 
 class AppendContext(Transform):

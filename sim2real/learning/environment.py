@@ -44,21 +44,16 @@ from sim2real.runs.errors import Sim2RealError
 class EnvironmentFactory:
     """A factory of a run's environments.
 
-    Args:
-        base: makes the world.
-        tasks: which robots its episodes meet.
-        transforms: by name, in order, what makes the transforms of what it shows; `RandomizeParams`
-            is given the tasks, `AppendContext` what they draw.
-        fixed: effects that every robot has, with their values.
-
     Raises:
         Sim2RealError: tasks with effects, or fixed ones, for a world that simulates no robot.
     """
 
-    base: partial[EnvBase]
-    tasks: Tasks = field(default_factory=Randomization)
+    base: partial[EnvBase]  # makes the world
+    tasks: Tasks = field(default_factory=Randomization)  # which robots its episodes meet
+    # by name, in order, what makes the transforms of what it shows; `RandomizeParams` is given
+    # the tasks, `AppendContext` what they draw
     transforms: Mapping[str, Callable[..., Transform]] = field(default_factory=dict)
-    fixed: Sequence[Fixed] = ()
+    fixed: Sequence[Fixed] = ()  # effects that every robot has, with their values
 
     def __post_init__(self) -> None:
         if self.tasks.effects and not self.simulated:

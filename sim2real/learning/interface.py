@@ -8,8 +8,6 @@ The block has `robot`, `rate`, `observation` (what each number is, in order), `a
 range), `units`, and of each servo `model`, `gains` (its registers) and `limits`.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

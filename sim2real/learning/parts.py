@@ -1,7 +1,5 @@
 """An algorithm's parts, put together of the objects that a configuration names."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any

@@ -8,8 +8,6 @@ the last steps, too, and says what the policy wants to know of its robot; here t
 parameters themselves. No episode is spent on adapting and nothing is simulated on the robot.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 

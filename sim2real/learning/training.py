@@ -12,8 +12,6 @@ how to resume. A second Ctrl-C abandons the iteration. On a full disk the run st
 up to there are whole.
 """
 
-from __future__ import annotations
-
 import logging
 import signal
 import time
@@ -40,16 +38,12 @@ log = logging.getLogger(__name__)
 class Budget:
     """When training is over: the first of the limits that is reached.
 
-    Args:
-        iterations: iterations in all, or None.
-        frames: environment steps, or None.
-
     Raises:
         Sim2RealError: without a limit, or for one below 0.
     """
 
-    iterations: int | None
-    frames: int | None
+    iterations: int | None  # iterations in all, or None
+    frames: int | None  # environment steps, or None
 
     def __post_init__(self) -> None:
         limits = {"iterations": self.iterations, "frames": self.frames}

@@ -9,8 +9,6 @@ cancels where a mean is far from 0. These keep one mean for all rows, by the par
 et al. 1979, in float64.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

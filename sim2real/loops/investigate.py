@@ -10,8 +10,6 @@ refitting to what the other would show (`diagnosis.experiments.apart`); the one 
 similar of those that can be parted part fastest is recorded next.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Callable, Sequence
@@ -53,67 +51,43 @@ WORDS: dict[End, str] = {
 
 @dataclass(frozen=True)
 class SearchBudget:
-    """The robot's time budget, and the effort of the search for motions.
+    """The robot's time budget, and the effort of the search for motions."""
 
-    Args:
-        budget: s of robot time in all.
-        draws: motions that are drawn for each design, besides the menu's.
-        exact: number of the best motions whose refits are simulated until they settle.
-    """
-
-    budget: float
-    draws: int = 48
-    exact: int = 3
+    budget: float  # s of robot time in all
+    draws: int = 48  # motions that are drawn for each design, besides the menu's
+    exact: int = 3  # number of the best motions whose refits are simulated until they settle
 
 
 @dataclass(frozen=True)
 class Round:
-    """One recording and what all of them then said.
+    """One recording and what all of them then said."""
 
-    Args:
-        name: the motion, as a person says it.
-        motions: kinds of `hardware.excite`.
-        seconds: of the motion.
-        size: part of the way to the nearer limit.
-        seed: of its phases and poses.
-        promised: noise floors that it was to part the explanations by, of those that some motion
-            parts; None for the first.
-        verdict: of the diagnosis of all recordings so far.
-        causes: labels of what it named.
-        left: labels of the explanations that stay open; () where there is one, or none.
-    """
-
-    name: str
-    motions: tuple[str, ...]
-    seconds: float
-    size: float
-    seed: int
+    name: str  # the motion, as a person says it
+    motions: tuple[str, ...]  # kinds of `hardware.excite`
+    seconds: float  # of the motion
+    size: float  # part of the way to the nearer limit
+    seed: int  # of its phases and poses
+    # noise floors that it was to part the explanations by, of those that some motion parts; None
+    # for the first
     promised: float | None
-    verdict: str
-    causes: tuple[str, ...]
+    verdict: str  # of the diagnosis of all recordings so far
+    causes: tuple[str, ...]  # labels of what it named
+    # labels of the explanations that stay open; () where there is one, or none
     left: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Investigation:
-    """The result of an investigation.
+    """The result of an investigation."""
 
-    Args:
-        end: why it ended, see `WORDS`.
-        rounds: one a recording.
-        seconds: robot time that was spent.
-        apart: noise floors between any two that are left, in any motion that was looked at, where
-            the end is `not_parted`; else None.
-        looked_at: motions that were looked at for it.
-        report: the last diagnosis.
-    """
-
-    end: End
-    rounds: tuple[Round, ...]
-    seconds: float
+    end: End  # why it ended, see `WORDS`
+    rounds: tuple[Round, ...]  # one a recording
+    seconds: float  # robot time that was spent
+    # noise floors between any two that are left, in any motion that was looked at, where the end
+    # is `not_parted`; else None
     apart: float | None
-    looked_at: int
-    report: Report
+    looked_at: int  # motions that were looked at for it
+    report: Report  # the last diagnosis
 
     def write(self, out: Path) -> None:
         """Write investigate.json and the table of rounds, whole or not at all."""

@@ -14,8 +14,6 @@ Contracts:
 * The newest `keep_last` stay, and the one of the highest score.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -8,8 +8,6 @@ Samples are sorted and their kernels summed once, so that many sets of groups ar
 as resampling asks for. A group weighs the same however many samples it has.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 TINY = 1e-9  # a spread below which a column says nothing
@@ -44,11 +42,7 @@ class PooledSamples:
     """
 
     def __init__(
-        self,
-        samples: np.ndarray,
-        group: np.ndarray,
-        rng: np.random.Generator,
-        directions: int = 64,
+        self, samples: np.ndarray, group: np.ndarray, rng: np.random.Generator, directions: int = 64
     ) -> None:
         ways = rng.standard_normal((samples.shape[1], directions))
         along = samples @ (ways / np.linalg.norm(ways, axis=0))  # (N, P)

@@ -1,7 +1,5 @@
 """Errors that a user can cause, and the interruption of a run."""
 
-from __future__ import annotations
-
 import errno
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)

@@ -169,12 +169,7 @@ def _curve(
     )
     if many:
         low, high = scipy_stats.bootstrap(
-            (values,),
-            np.mean,
-            axis=0,
-            n_resamples=draws,
-            method="percentile",
-            rng=rng,
+            (values,), np.mean, axis=0, n_resamples=draws, method="percentile", rng=rng
         ).confidence_interval
         ax.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0)
 

@@ -4,8 +4,6 @@ A file is written under a temporary name next to its own, then moved into place
 (`hardware.files.atomic_write`); so is a folder whose being there says that a step is done.
 """
 
-from __future__ import annotations
-
 import os
 import secrets
 import shutil

@@ -3,8 +3,6 @@
 write_manifest(Path("outputs/train/smoke/2026-11-21_10-00-00"), seed=0)
 """
 
-from __future__ import annotations
-
 import datetime
 import json
 import os

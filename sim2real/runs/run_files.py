@@ -8,8 +8,6 @@ A row is on disk before the checkpoint of its iteration, so a kill at any moment
 and all rows up to it. What a clock says is in timing.csv, apart, because it cannot repeat.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

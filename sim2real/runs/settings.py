@@ -6,8 +6,6 @@ Earlier files say `_partial_` also where an argument's type says it, name the cl
 effect in place of its standard name, and write out the first way and the uniform law.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from typing import Any

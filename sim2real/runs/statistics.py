@@ -14,8 +14,6 @@ What is resampled decides what the interval speaks about, so `resample` has no d
 A statistic takes values (..., n, C) and reduces the last two axes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Literal, NamedTuple
 
@@ -54,6 +52,11 @@ def iqm(values: np.ndarray) -> np.ndarray:
 def mean(values: np.ndarray) -> np.ndarray:
     """Return the mean over the last two axes of values (..., n, C)."""
     return np.asarray(values, dtype=np.float64).mean(axis=(-2, -1))
+
+
+def median(values: np.ndarray) -> np.ndarray:
+    """Return the median over the last two axes of values (..., n, C)."""
+    return np.median(values, axis=(-2, -1))
 
 
 def fraction_above(threshold: float) -> Statistic:

@@ -8,8 +8,6 @@ Numbers keep their full precision in the CSV and three to four digits in Markdow
 is None: an empty field, and "–" in Markdown.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import math
@@ -25,17 +23,11 @@ Cell = str | int | float | Interval | None
 
 @dataclass
 class Table:
-    """Named columns, and rows of as many cells.
+    """Named columns, and rows of as many cells."""
 
-    Args:
-        columns: names; an Interval fills `name`, `name_low` and `name_high` of the CSV.
-        rows: the cells.
-        notes: sentences that stand below the Markdown table.
-    """
-
-    columns: Sequence[str]
-    rows: list[Sequence[Cell]] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    columns: Sequence[str]  # names; an Interval fills `name`, `name_low` and `name_high` of the CSV
+    rows: list[Sequence[Cell]] = field(default_factory=list)  # the cells
+    notes: list[str] = field(default_factory=list)  # sentences that stand below the Markdown table
 
     def __post_init__(self) -> None:
         for row in self.rows:

@@ -4,8 +4,6 @@ sys.stdout.write(format_verdict(report, coloured=has_colours(sys.stdout)))
 open_page(Path("outputs/.../report.html"))
 """
 
-from __future__ import annotations
-
 import os
 import webbrowser
 from pathlib import Path

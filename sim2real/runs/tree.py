@@ -1,7 +1,5 @@
 """Trees of settings as one level of dotted names."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -5,8 +5,6 @@ diagnosis is a separate process that receives one folder of `logs/`. Only then a
 the answered cases read, and checked against the hashes that were written with the logs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

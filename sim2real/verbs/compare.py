@@ -3,8 +3,6 @@
 Exit status: 0 where nothing changed, 3 where something did, 4 where the logs cannot tell.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from pathlib import Path

@@ -4,8 +4,6 @@ Exit status: 0 where the contract holds, 3 where it is broken, 4 where the log h
 could be compared.
 """
 
-from __future__ import annotations
-
 import logging
 from pathlib import Path
 
@@ -19,11 +17,7 @@ log_ = logging.getLogger(__name__)
 
 
 def run(
-    *,
-    log: str | list[str] | None,
-    actor: str | None,
-    observation: str | None,
-    out: Path,
+    *, log: str | list[str] | None, actor: str | None, observation: str | None, out: Path
 ) -> Answer:
     """Check a policy's interface on logs.
 

@@ -1,7 +1,5 @@
 """The verb `convert`: logs of other tools as this project's own."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from pathlib import Path

@@ -5,8 +5,6 @@ from the same starts. After each episode all is on disk. The robot parks when al
 anything else ends it.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from pathlib import Path

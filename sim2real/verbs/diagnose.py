@@ -1,7 +1,5 @@
 """The verb `diagnose`: which unmodelled effect separates a robot's logs from its simulation."""
 
-from __future__ import annotations
-
 import logging
 import sys
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ Each adaptation starts from the trained parameters. Both policies play the same 
 that random starts cancel in the difference.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path

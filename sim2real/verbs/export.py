@@ -11,8 +11,6 @@ Effects are written as MJCF, or as a Python module of event terms for mjlab; wha
 say is refused by name, and nothing is written.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The verb `identify`: from a robot's logs to a distribution of simulators."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The verb `improve`: deploy a policy, find what its simulator lacks, retrain, deploy again."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The verb `investigate`: record, diagnose, design the next recording, until causes are parted."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The verb `record`: drive a robot along motions, or let it follow a leader, and write a log."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -13,8 +13,6 @@ where the model takes torques, a base that moves freely and of which neither pos
 logged.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Sequence
 from pathlib import Path
@@ -39,11 +37,7 @@ log_ = logging.getLogger(__name__)
 
 
 def run(
-    *,
-    log: str | list[str] | None,
-    model: str | None,
-    effects: str | None,
-    out: Path,
+    *, log: str | list[str] | None, model: str | None, effects: str | None, out: Path
 ) -> list[Gap]:
     """Score logs under a model.
 

@@ -3,8 +3,6 @@
 Intervals resample whole runs, since episodes of one policy say nothing about the next.
 """
 
-from __future__ import annotations
-
 import logging
 from pathlib import Path
 

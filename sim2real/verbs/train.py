@@ -4,8 +4,6 @@ A resumed run computes, to the last bit, what an uninterrupted one would have. W
 are in timing.csv, apart, because they cannot repeat.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -4,8 +4,6 @@ What is seen is the robot that the driver talks to, hidden effects and all, not 
 policy was trained in.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from pathlib import Path

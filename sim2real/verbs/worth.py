@@ -4,8 +4,6 @@ The policy plays the same episodes on robots with every subset of the causes (of
 drawn ones).
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The benchmark of bands: what is held out, and what is not repeated."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 
@@ -9,6 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks import bands
+from benchmarks.cases import read_csv
 from envs.distribution import Distribution
 from sim2real.identification.methods.base import FitContext
 from sim2real.identification.methods.matching import Matching
@@ -23,9 +22,7 @@ def test_every_log_is_held_out_once() -> None:
     assert splits[0][1] != [0, 1, 2]
 
 
-def test_a_distribution_is_of_its_logs_and_read_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_distribution_is_of_its_logs_and_read_again(tmp_path: Path, monkeypatch) -> None:
     """Two robots: the distribution is that of the one whose logs are given."""
     rng = np.random.default_rng(0)
     values = np.repeat([[1.0, -2.0], [3.0, 2.0]], 4, axis=0)
@@ -53,7 +50,7 @@ def test_a_robot_s_rows_are_replaced_and_the_others_stay(tmp_path: Path) -> None
         for k in range(2)
     ]
     bands.keep(rows, tmp_path)
-    assert bands.read(tmp_path / "bands.csv") == rows
+    assert read_csv(tmp_path / "bands.csv") == rows
     text = (tmp_path / "bands.md").read_text(encoding="utf-8")
     assert "| xl330 | 2 | 9" in text and "0.85 [0.80, 0.90]" in text
 

@@ -1,7 +1,5 @@
 """The exam as a long comparison: it resumes in its own folder and keeps what people read."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -10,9 +8,7 @@ import pytest
 from benchmarks import blindcheck
 
 
-def test_it_goes_on_in_its_folder_and_keeps_the_tables(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_it_goes_on_in_its_folder_and_keeps_the_tables(tmp_path: Path, monkeypatch) -> None:
     """The folder is the one that it resumes; table, cases and picture land in the results."""
     commands = []
 

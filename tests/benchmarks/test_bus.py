@@ -1,7 +1,5 @@
 """The cost of a step over the bus: all ways do what they are said to do."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Studies by cases: what is there is not judged again, and what is written reads back."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, NamedTuple
 

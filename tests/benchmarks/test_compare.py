@@ -1,7 +1,5 @@
 """The benchmark of `compare`: what it hides, and how an answer is scored."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from types import SimpleNamespace
@@ -94,9 +92,7 @@ def test_the_table_counts_each_kind(tmp_path: Path) -> None:
     assert "all unchanged | 1 |" in text and "1 further changes" in text
 
 
-def test_a_pair_that_is_there_is_not_made_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_pair_that_is_there_is_not_made_again(tmp_path: Path, monkeypatch) -> None:
     """The second run adds what the first one lacks."""
     made: list[int] = []
 

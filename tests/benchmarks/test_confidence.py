@@ -1,7 +1,5 @@
 """The temperature of a diagnosis's confidence, from the answers of an exam."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The benchmark of the policy's interface: what counts as named, and one walk of each robot."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """EASI's study does each step once, in order, and says what it found; demonstrations are whole."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -9,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.cases import read_csv
 from benchmarks.easi import steps
 from benchmarks.easi.__main__ import main
 from benchmarks.easi.demonstrations import record
 from benchmarks.easi.plan import SHIFTS, STUDIES, Plan, targets, truth
-from benchmarks.easi.report import read_csv
 from benchmarks.easi.steps import LOG, prior
 from envs.distribution import Distribution, Entry
 from envs.distribution_file import read, write

@@ -1,7 +1,5 @@
 """Walks whose base nobody measured, and how an answer is scored."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -111,9 +109,7 @@ def test_friction_at_a_knee_is_named_with_its_value(robot: str) -> None:
     assert found.value_ci[0] < 0.15 < found.value_ci[1]
 
 
-def test_the_walks_of_development_are_told_by_a_command(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_walks_of_development_are_told_by_a_command(monkeypatch, capsys) -> None:
     """A row each: what was hidden, what was excluded, what was found; the same seed for all."""
     asked: list = []
 

@@ -1,7 +1,5 @@
 """The benchmark of hidden laws: what it draws, and how an answer is scored."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -56,9 +54,7 @@ def test_values_are_shares_of_the_prior() -> None:
     assert given.names[0] == "coulomb_friction.shoulder"
 
 
-def test_cases_that_are_there_are_not_run_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_cases_that_are_there_are_not_run_again(tmp_path: Path, monkeypatch) -> None:
     """The table counts the seed's own cases, and reads back what it wrote."""
     asked: list[int] = []
 

@@ -1,7 +1,5 @@
 """The paired branches of one trunk: what is compared, what it says, and that nothing runs twice."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -61,9 +59,7 @@ def test_intervals_are_students() -> None:
     assert made.high - made.value == pytest.approx(4.302653 / np.sqrt(3), rel=1e-5)
 
 
-def test_branches_start_from_the_trunk_and_nothing_is_run_twice(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_branches_start_from_the_trunk_and_nothing_is_run_twice(tmp_path, monkeypatch) -> None:
     """A trunk is trained once; a branch goes on from it for as many steps as were asked."""
     jobs: list[tuple[str, ...]] = []
     steps: dict[Path, int] = {}

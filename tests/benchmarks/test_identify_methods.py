@@ -1,7 +1,5 @@
 """The table and the picture of all methods of identification."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

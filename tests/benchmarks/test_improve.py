@@ -1,7 +1,5 @@
 """The loops resume, and what they closed of the gap is what the table says."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The table of what designed recordings part, and of what the menu parts in its order."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """The rows of learning algorithms do what they count."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 
 import pytest

@@ -1,7 +1,5 @@
 """The rows of members that learn by PPO count alike, and both learn."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """Policies of other libraries: their files fit their descriptions and their tasks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,7 +1,5 @@
 """The moving picture of a report: what it shows, and what it refuses."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The study of servo robots does each job once, goes on where it stopped, says what it found."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -78,9 +76,7 @@ def plan(
 
 
 @pytest.mark.slow
-def test_each_policy_is_trained_and_taken_to_the_bus(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_policy_is_trained_and_taken_to_the_bus(tmp_path: Path, monkeypatch) -> None:
     """Four trainings, each on the bus, ES-MAML's also on two robots that differ; PPO comes last."""
     shell = Shell(monkeypatch)
     assert run(plan(tmp_path, ("quad8", "hopper2"), (0, 1))) == 0
@@ -98,9 +94,7 @@ def test_each_policy_is_trained_and_taken_to_the_bus(
 
 
 @pytest.mark.slow
-def test_meta_learning_goes_on_from_the_walking_policy(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_meta_learning_goes_on_from_the_walking_policy(tmp_path: Path, monkeypatch) -> None:
     """It resumes that run for MORE iterations, and itself once it has begun; not without it."""
     shell = Shell(monkeypatch)
     shell.fails = {"esmaml"}

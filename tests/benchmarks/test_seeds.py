@@ -1,7 +1,5 @@
 """The page of the seeds' tables: it is made of the committed results, and more of them fill it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.cases import read_csv
 from benchmarks.seeds import train
 from benchmarks.seeds.__main__ import PAGE, RESULTS, main
 from benchmarks.seeds.claims import decide
@@ -177,9 +176,7 @@ def trainings(
     return jobs
 
 
-def test_a_training_is_done_once_and_its_figures_stay(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_training_is_done_once_and_its_figures_stay(tmp_path: Path, monkeypatch) -> None:
     """A complete run is skipped; the rows of runs that are elsewhere stay in the table."""
     jobs = trainings(monkeypatch, lambda number: 0.0)
     plan = train.Plan({"toy": ["+experiment=nav2d"]}, tmp_path / "out", tmp_path / "seeds.csv")
@@ -190,7 +187,7 @@ def test_a_training_is_done_once_and_its_figures_stay(
         "seed=0",
         "seed=1",
     ]
-    table = train.read(plan.table)
+    table = read_csv(plan.table)
     assert [(row["training"], row["seed"], row["figure"]) for row in table] == [
         ("old", "7", "after"),
         *(("toy", seed, figure) for seed in "01" for figure in ("after", "before")),
@@ -199,19 +196,17 @@ def test_a_training_is_done_once_and_its_figures_stay(
     assert "mujoco" in table[1]["versions"] and "+experiment=nav2d" in table[1]["command"]
 
 
-def test_an_evaluation_after_training_gives_the_figures(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_evaluation_after_training_gives_the_figures(tmp_path: Path, monkeypatch) -> None:
     """It follows the training, is what counts, and is all that is done again where it failed."""
     levels = {2: None, 3: 10.0}
     jobs = trainings(monkeypatch, lambda number: levels.get(number, 0.0))
     out, table = tmp_path / "out", tmp_path / "seeds.csv"
     plan = train.Plan({"toy": ["+experiment=nav2d"]}, out, table, {"toy": ["adapt=batch"]})
-    assert train.run("toy", [0], plan) == 1 and train.read(table) == []
+    assert train.run("toy", [0], plan) == 1 and read_csv(table) == []
     assert train.run("toy", [0], plan) == 0
     assert [words[0] for words in jobs] == ["+experiment=nav2d", *("run=evaluate",) * 2]
     assert jobs[-1][1] == f"checkpoint={out / 'toy' / 'seed0'}" and "adapt=batch" in jobs[-1]
-    assert [float(row["value"]) for row in train.read(table)] == [13.5, 11.5]
+    assert [float(row["value"]) for row in read_csv(table)] == [13.5, 11.5]
 
 
 def leave_scores(folder: Path, more: float = 0.0) -> None:
@@ -237,9 +232,7 @@ def leave_scores(folder: Path, more: float = 0.0) -> None:
     (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
 
 
-def test_a_policy_is_trained_once_for_several_evaluations(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_policy_is_trained_once_for_several_evaluations(tmp_path: Path, monkeypatch) -> None:
     """Each has figures of its own, and the policy's own stay where they are."""
     jobs = trainings(monkeypatch, lambda number: float(number))
     do, then = ["+experiment=nav2d"], ["adapt=noisy"]
@@ -254,7 +247,7 @@ def test_a_policy_is_trained_once_for_several_evaluations(
     assert train.run("one", [0], plan) + train.run("other", [0], plan) == 0
     assert [words[0] for words in jobs] == ["+experiment=nav2d", *("run=evaluate",) * 2]
     assert all(f"checkpoint={tmp_path / 'out' / 'toy' / 'seed0'}" in words for words in jobs[1:])
-    after = {r["training"]: r["value"] for r in train.read(plan.table) if r["figure"] == "after"}
+    after = {r["training"]: r["value"] for r in read_csv(plan.table) if r["figure"] == "after"}
     assert after == {"toy": "4.5", "one": "5.5", "other": "6.5"}
 
 

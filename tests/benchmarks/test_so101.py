@@ -1,7 +1,5 @@
 """The real arm's figures: errors over joints and logs, the share that closes, and the table."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -29,9 +27,7 @@ def test_what_is_closed() -> None:
     assert closed(before, after, floor) == pytest.approx((0.75, 0.75, 0.75))
 
 
-def test_the_report_has_joints_causes_and_logs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_report_has_joints_causes_and_logs(tmp_path: Path, monkeypatch) -> None:
     """Degrees, before and after, with what was found and what is left."""
     ones = np.ones((len(HELD_OUT), len(ARM)))
     parts = tuple(np.radians(value) * ones for value in (2.0, 0.6, 0.2, 0.5))
@@ -74,9 +70,7 @@ def test_where_the_gripper_is_below_its_base() -> None:
     assert so101.in_the_air(log, spec.compile()).tolist() == [True, True, True, False]
 
 
-def test_without_logs_it_is_skipped(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_logs_it_is_skipped(capsys, monkeypatch) -> None:
     """It says where logs are, and fails nothing."""
     monkeypatch.delenv("SIM2REAL_DATA", raising=False)
     assert main([]) == 0

@@ -1,7 +1,5 @@
 """The speed comparison measures what it says; nothing here looks at a clock's figure."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,14 +1,13 @@
 """The comparison of adaptation operators: its table, and its findings on a few seeds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks.toys import EXPERIMENTS, read, run, table, write
+from benchmarks.cases import read_csv
+from benchmarks.toys import EXPERIMENTS, run, table, write
 from sim2real.runs.statistics import bootstrap, mean
 
 CORNERS, CORRUPTED = "corners, K = 20", "nav2d, 30 % corrupted"
@@ -25,12 +24,12 @@ def test_table_compares_each_operator_with_the_next(tmp_path: Path) -> None:
     rows = [make_row("gradient", seed, -300.0 - seed) for seed in range(3)]
     rows += [make_row("hill climbing", seed, -200.0 - seed) for seed in (2, 0, 1)]
     write(tmp_path / "toys.csv", rows)
-    lines = list(table(read(tmp_path / "toys.csv")))
+    lines = list(table(read_csv(tmp_path / "toys.csv")))
     assert len(lines) == 4
     after, gain, gap = "-201.0 [-202.0, -200.0]", "199.0 [198.0, 200.0]", "100.0 [100.0, 100.0]"
     assert f"| **{after}** | {gain} | {gap} |" in lines[2]
     assert lines[3].startswith(f"| {CORNERS} | gradient | -400.0 [-400.0, -400.0] |")
-    assert read(tmp_path / "missing.csv") == []
+    assert read_csv(tmp_path / "missing.csv") == []
 
 
 @pytest.mark.slow

@@ -1,7 +1,5 @@
 """The long transfer study does each run once, the most telling first, and can be interrupted."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -60,9 +58,7 @@ def test_the_most_telling_runs_come_first(tmp_path: Path, monkeypatch: pytest.Mo
     assert (tmp_path / "results" / "report.md").read_text() == "a report\n"
 
 
-def test_a_main_run_is_evaluated_on_its_way(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_main_run_is_evaluated_on_its_way(tmp_path: Path, monkeypatch) -> None:
     """After 300k, where the sweep ends, and then it goes on to 500k in the same folder."""
     shell = Shell(monkeypatch)
     run(plan(tmp_path, ("udr",)))
@@ -84,9 +80,7 @@ def test_what_is_done_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     assert shell.trainings[1]["frames"] == "500007"
 
 
-def test_one_failure_does_not_stop_the_others(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_failure_does_not_stop_the_others(tmp_path: Path, monkeypatch) -> None:
     """The rest is run and the number of failures returned, so that the exit status tells."""
     shell = Shell(monkeypatch)
     shell.fails.add("ppo_source")
@@ -112,9 +106,7 @@ def test_unknown_rows_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert "no row 'sourc'; there are: source, target" in capsys.readouterr().err
 
 
-def test_a_longer_row_goes_on_where_a_shorter_one_ended(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_longer_row_goes_on_where_a_shorter_one_ended(tmp_path: Path, monkeypatch) -> None:
     """Half a million steps with images are the first hundred thousand and then the others."""
     shell = Shell(monkeypatch)
     names = ("stack4", "stack4_long")

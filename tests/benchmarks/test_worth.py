@@ -1,7 +1,5 @@
 """The benchmark of `worth` against the emulated robot: what it hides, and how costs are scored."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

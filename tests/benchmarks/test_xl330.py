@@ -1,7 +1,5 @@
 """The real servo's figures: the gain that its PWM tells, errors with what was found, tables."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -36,9 +34,7 @@ def test_the_pwm_tells_the_divisor() -> None:
     assert share_of_gain(made_log(200, 128.0)) == pytest.approx(1.0, rel=0.01)
 
 
-def test_the_report_has_causes_and_gains_that_were_left_out(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_report_has_causes_and_gains_that_were_left_out(tmp_path: Path, monkeypatch) -> None:
     """A gain's logs are replayed under what was found from the others."""
     asked: list[str] = []
 
@@ -65,9 +61,7 @@ def test_the_report_has_causes_and_gains_that_were_left_out(
     assert "says 0.500 of the manual's gain" in page and "| position_gain | hinge |" in page
 
 
-def test_without_logs_it_is_skipped(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_logs_it_is_skipped(capsys, monkeypatch) -> None:
     """It says where logs are, and fails nothing."""
     monkeypatch.delenv("SIM2REAL_DATA", raising=False)
     assert main([]) == 0

@@ -1,7 +1,5 @@
 """The zoo's models move, and what a diagnosis comes to is told as it is."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The robots' models compile, and their actuators are what the servos' data say."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Distributions of robots and their file: laws, correlations, round trips, what is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Factors around the model: their laws, their limits, and the masses that they make."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The package's public names."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

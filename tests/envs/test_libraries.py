@@ -1,7 +1,5 @@
 """Environments of other libraries: TorchRL's contract, and a sentence for what is not there."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """What needs more memory than there is gets refused with both sizes, before anything is made."""
 
-from __future__ import annotations
-
 import resource
 import subprocess
 import sys
@@ -44,9 +42,7 @@ def test_it_is_about_what_a_batch_takes() -> None:
     assert 0.5 < float(made.stdout) / row_bytes(model) < 2
 
 
-def test_what_is_free_is_the_least_of_machine_and_container(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_free_is_the_least_of_machine_and_container(tmp_path: Path, monkeypatch) -> None:
     """A container's limit counts where it is lower; without either it is the machine's memory."""
     meminfo = tmp_path / "meminfo"
     meminfo.write_text("MemTotal: 8000 kB\nMemAvailable: 5000 kB\n")

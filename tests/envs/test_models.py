@@ -1,7 +1,5 @@
 """Models from files: URDF with its actuators, and what is refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

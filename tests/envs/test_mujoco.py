@@ -1,7 +1,5 @@
 """The TorchRL environment over a simulation."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 

@@ -1,7 +1,5 @@
 """Random numbers as a function of (seed, stream, index)."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

@@ -1,7 +1,5 @@
 """Parameter spaces: names, ranges and what they refuse."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The engine is silent in a block, in however many threads, and as loud as before after it."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

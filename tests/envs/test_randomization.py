@@ -1,7 +1,5 @@
 """Distributions of robots: their laws, and what is refused before work starts."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

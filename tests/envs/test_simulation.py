@@ -1,7 +1,5 @@
 """Rows of simulations: their independence, and what happens to the one that breaks."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -175,9 +173,7 @@ def test_an_engine_error_fails_its_row() -> None:
     check_failed(broken_alike(spoil)[0])
 
 
-def test_failures_are_silent(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_failures_are_silent(tmp_path: Path, monkeypatch, capfd) -> None:
     """A diverging row, or a model, writes neither to the terminal nor to MUJOCO_LOG.TXT."""
     monkeypatch.chdir(tmp_path)
     sim = simulation(4, 2)

@@ -1,7 +1,5 @@
 """The fault of MuJoCo 4.0.0: it is there where the warning says, and nowhere else."""
 
-from __future__ import annotations
-
 import logging
 
 import mujoco
@@ -46,9 +44,7 @@ def test_the_installed_engine_has_the_fault_if_it_is_called_faulty() -> None:
 
 
 @pytest.mark.parametrize("jacobian", ["sparse", "dense"])
-def test_a_plant_says_so_once(
-    jacobian: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_plant_says_so_once(jacobian: str, monkeypatch, caplog) -> None:
     """With the remedy, for a sparse model of the faulty engine alone."""
     monkeypatch.setattr(mujoco, "__version__", sparse_fault.FAULTY)
     sparse_fault._warn.cache_clear()

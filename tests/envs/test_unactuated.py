@@ -1,7 +1,5 @@
 """Which robots' bases can be estimated from what they log."""
 
-from __future__ import annotations
-
 import mujoco
 import pytest
 

@@ -6,8 +6,6 @@ An environment is made once, by the test that first needs it; the test is skippe
 cannot be installed.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

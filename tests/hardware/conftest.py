@@ -1,7 +1,5 @@
 """Emulated robots for the tests of the hardware."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable, Iterator
 from typing import Any

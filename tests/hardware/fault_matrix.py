@@ -6,8 +6,6 @@
 `test_fault_matrix.py` assert every cell of both.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import shutil

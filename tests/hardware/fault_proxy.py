@@ -4,8 +4,6 @@
 `PtyProxy` between two pseudo terminals in real time.
 """
 
-from __future__ import annotations
-
 import errno
 import heapq
 import itertools

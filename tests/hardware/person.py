@@ -1,7 +1,5 @@
 """A person beside an emulated robot in virtual time, who answers what the verbs ask."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 
 from hardware.emulator.hand import Hand

@@ -3,8 +3,6 @@
 path = public_model("koch", folder)     # the public one, where SIM2REAL_MODELS has it
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The emulated robot's IMU and tracker tell where its base is, and a hand puts it back."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -12,11 +10,7 @@ from hardware.emulator.world import EmulatedRobot
 
 @pytest.mark.parametrize(
     ("name", "sensors"),
-    [
-        ("bench1", ()),
-        ("hopper2", ("position",)),
-        ("quad8", ("orientation", "gyro", "position")),
-    ],
+    [("bench1", ()), ("hopper2", ("position",)), ("quad8", ("orientation", "gyro", "position"))],
 )
 def test_each_robot_has_the_sensors_of_its_model(name, sensors):
     """An IMU where the model has one, a tracker where the base can move."""

@@ -1,7 +1,5 @@
 """The bus client survives what the SDK does not, and never takes a wrong answer for a right one."""
 
-from __future__ import annotations
-
 import socket
 import struct
 from itertools import product

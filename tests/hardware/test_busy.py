@@ -1,7 +1,5 @@
 """An emulated robot on a busy machine: its answers stay of the present, and recordings end well."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """A calibration moves zeros, signs and limits, and is refused on another robot."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -178,8 +176,7 @@ def test_damaged_files(tmp_path, text, message):
 
 
 @pytest.mark.parametrize(
-    ("zero", "message"),
-    [(99999, "nothing in common"), (float("nan"), "zero is nan, not a count")],
+    ("zero", "message"), [(99999, "nothing in common"), (float("nan"), "zero is nan, not a count")]
 )
 def test_a_zero_that_cannot_be_is_refused(tmp_path, zero, message):
     """Limits that are no numbers would hold nothing: a zero far away or of NaN is no zero."""

@@ -5,8 +5,6 @@ Python clients are in `test_clients_more.py`, LeRobot is in `test_lerobot.py`. T
 runs if DYNAMIXEL_SDK_CPP names the folder `c++` of a checkout of DynamixelSDK and g++ is there.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import shutil

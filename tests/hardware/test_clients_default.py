@@ -5,8 +5,6 @@ its limits (34 ms for the maker's SDK, 10 ms for servolab's scan): it gets throu
 machine, and is tried several times on a busy one.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
@@ -36,8 +34,7 @@ def get_through(emulator: tuple[str, ...], python: str, script: str, *words: str
 
 
 @pytest.mark.parametrize(
-    ("client", "module"),
-    [("sdk", "dynamixel_sdk"), ("rustypot", "rustypot"), ("dxl2", "dxl2")],
+    ("client", "module"), [("sdk", "dynamixel_sdk"), ("rustypot", "rustypot"), ("dxl2", "dxl2")]
 )
 def test_dynamixel_servos_in_every_mode(client: str, module: str, tmp_path: Path) -> None:
     """Three XL330 in current, velocity, position, extended, current-based and PWM mode."""
@@ -56,10 +53,7 @@ def test_rustypot_at_feetech_servos() -> None:
 
 @pytest.mark.parametrize(
     ("package", "script"),
-    [
-        ("ftservo-python-sdk==2.0.1", "ftservo_client.py"),
-        ("servolab==1.0.0", "servolab_client.py"),
-    ],
+    [("ftservo-python-sdk==2.0.1", "ftservo_client.py"), ("servolab==1.0.0", "servolab_client.py")],
 )
 def test_feetech_servos_in_every_mode(package: str, script: str) -> None:
     """Position, wheel, PWM and step mode, settings, and registered writes of an SO-101's servos."""

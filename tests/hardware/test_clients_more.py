@@ -6,8 +6,6 @@ dynamixel-python sends every instruction of the protocol; dynamixel-api reads re
 dynamixel-helper searches all speeds; dynamixel-control writes in bulk at the factory's speed.
 """
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable, Iterator

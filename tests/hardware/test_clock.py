@@ -1,7 +1,5 @@
 """Clocks wait for bytes no longer than they must."""
 
-from __future__ import annotations
-
 import os
 import threading
 

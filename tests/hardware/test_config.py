@@ -1,7 +1,5 @@
 """A robot's file is read whole, or refused with the key that is wrong."""
 
-from __future__ import annotations
-
 import copy
 
 import pytest

@@ -1,7 +1,5 @@
 """A robot as an environment: the specs and numbers of its twin, and nothing moves unasked."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

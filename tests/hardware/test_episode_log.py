@@ -1,7 +1,5 @@
 """The log of an episode: numbered on, complete, and silent about what never was."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

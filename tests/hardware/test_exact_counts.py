@@ -6,8 +6,6 @@ Virtual time makes all of it exact. A group read that a servo leaves unanswered 
 every servo from there on; it is asked again plainly, where the chain ends at the silent servo too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple

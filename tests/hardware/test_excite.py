@@ -1,7 +1,5 @@
 """Motions stay within limits, start and end in their pose, and are driven without a complaint."""
 
-from __future__ import annotations
-
 from typing import get_args
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The policy in NumPy is the perceptron that it says it is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

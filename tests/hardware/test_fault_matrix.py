@@ -1,7 +1,5 @@
 """Torque is off, or who may have it was told, whatever happens and whenever; rows are kept."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 The numbers are those of benchmarks/notebook/servos.md; 1 to 6 are in test_wire_faults.py.
 """
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

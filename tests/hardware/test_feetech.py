@@ -1,7 +1,5 @@
 """Feetech servos over their emulated bus: packets, registers, driver, guard and calibrations."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

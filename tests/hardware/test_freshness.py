@@ -1,7 +1,5 @@
 """Old and doubled answers do not fit the time; a servo that starts anew is believed again."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -56,10 +54,10 @@ ANSWERS = {  # the counter, when it was asked for, and whether it is taken
         *[(1040, 1.04, True), (1054, 1.06, False), (1080, 1.08, True)],
     ],
     "started anew": [  # the first after a reboot is doubted, the next that agrees with it taken
-        *[(20000, 20.0, True), (120, 20.3, False), (140, 20.32, True), (160, 20.34, True)],
+        *[(20000, 20.0, True), (120, 20.3, False), (140, 20.32, True), (160, 20.34, True)]
     ],
     "first one late": [  # what comes afterwards is newer than it should be, and is believed
-        *[(19900, 20.0, True), (20020, 20.02, False), (20040, 20.04, True)],
+        *[(19900, 20.0, True), (20020, 20.02, False), (20040, 20.04, True)]
     ],
 }
 

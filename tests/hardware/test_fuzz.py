@@ -3,8 +3,6 @@
 A million packets each way are marked slow; a few thousand run always.
 """
 
-from __future__ import annotations
-
 import struct
 import sys
 

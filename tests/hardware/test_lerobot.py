@@ -4,8 +4,6 @@ LeRobot's pins exclude ours (dynamixel-sdk below 3.9, an older torch), so it can
 project. LEROBOT_PYTHON names the Python of an environment that has it already.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from dataclasses import replace

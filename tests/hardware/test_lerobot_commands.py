@@ -5,8 +5,6 @@ its leader, and a data set is recorded that our own reader opens. LeRobot lives 
 its own, see `test_lerobot.py`; each command runs at LeRobot's own time limits.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Periods, overruns and answers of a run, in virtual time, where every figure is exact."""
 
-from __future__ import annotations
-
 import logging
 
 import numpy as np

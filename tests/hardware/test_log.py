@@ -1,7 +1,5 @@
 """The trajectory log reads back what was written, and refuses what is no log."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

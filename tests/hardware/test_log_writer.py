@@ -1,7 +1,5 @@
 """Rows are on disk as they come: whatever ends the program, a reader finds them."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

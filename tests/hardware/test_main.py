@@ -1,7 +1,5 @@
 """The command line finds, watches, calibrates and emulates servos."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """A robot on several buses: asked together, stopped everywhere, whatever becomes of one bus."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco

@@ -1,7 +1,5 @@
 """A public model gets a robot's servos as actuators, and the emulator agrees with it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco
@@ -36,9 +34,7 @@ def test_our_own_models_are_nominal(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_what_is_diagnosed_and_what_is_trained_are_the_same_servos(
-    name: str, tmp_path: Path
-) -> None:
+def test_what_is_diagnosed_and_what_is_trained_are_the_same_servos(name: str, tmp_path) -> None:
     """The task's actuators, made from the same file by another room, have the same numbers."""
     robot = load_robot(name, str(public_model(name, tmp_path)))
     model, spec = nominal(robot).compile(), nominal(robot)

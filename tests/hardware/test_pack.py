@@ -1,7 +1,5 @@
 """What is sent back from a robot: whole, and without a word about whose it is."""
 
-from __future__ import annotations
-
 import zipfile
 
 import pytest

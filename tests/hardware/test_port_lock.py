@@ -1,7 +1,5 @@
 """A port that another program holds is refused with that program's name."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Packets are the published ones byte for byte, and any bytes are cut into packets without harm."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 Run with `-s` and SIM2REAL_DATA set to see the table of benchmarks/notebook/servos.md.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 import sys

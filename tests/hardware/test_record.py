@@ -1,7 +1,5 @@
 """Every robot is driven over the emulated bus, and its log agrees with its nominal model."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -1,7 +1,5 @@
 """What control steps take is measured before torque, and a rate that cannot be kept is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Arming moves nothing, limits hold from the first command, and a dry run touches nothing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Ports: what there is, why one is refused, and which one a robot is at."""
 
-from __future__ import annotations
-
 import errno
 import os
 import sys

@@ -1,7 +1,5 @@
 """Servos fresh from the factory, or set up for something else, become a robot's."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """Whatever ends the program, torque goes off first."""
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

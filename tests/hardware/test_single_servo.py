@@ -1,7 +1,5 @@
 """The verbs read, write, reboot and torque on emulated servos, in virtual time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import pytest

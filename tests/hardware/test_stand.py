@@ -1,7 +1,5 @@
 """A robot on its stand: only servos move, nothing touches, and the bus's delay is in the model."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -1,7 +1,5 @@
 """Servos of one bus on supplies of their own, such as the 12 V and 5 V of a Koch arm."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Control tables and servo data agree with the manuals."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

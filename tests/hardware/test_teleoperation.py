@@ -1,7 +1,5 @@
 """A leader's angles, by the joints' names and each robot's own zeros, and what stops a follower."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Questions at a terminal, while something else goes on."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

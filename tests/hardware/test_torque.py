@@ -1,7 +1,5 @@
 """A torque-off that has begun is finished, and torque never goes on with an old goal."""
 
-from __future__ import annotations
-
 import logging
 import os
 import signal

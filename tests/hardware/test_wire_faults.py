@@ -3,8 +3,6 @@
 The numbers are those of the list in benchmarks/notebook/servos.md.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """From servos of the factory to a robot's file: IDs, joints by hand, and nothing half written."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Folders of evaluated runs, made without training."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,10 +9,7 @@ import yaml
 
 from sim2real.evaluation.transfer import TransferScores, write
 
-ROBOTS: dict[str, dict[str, Any]] = {
-    "source": {"domain": "source"},
-    "target": {"domain": "target"},
-}
+ROBOTS: dict[str, dict[str, Any]] = {"source": {"domain": "source"}, "target": {"domain": "target"}}
 
 
 def make_run(

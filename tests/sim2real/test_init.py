@@ -1,7 +1,5 @@
 """The public API works as a person expects, and costs nothing until it is used."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

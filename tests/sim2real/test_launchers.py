@@ -3,8 +3,6 @@
 A population over Ray is in `learning/population/test_cluster.py`.
 """
 
-from __future__ import annotations
-
 import csv
 import importlib
 import os

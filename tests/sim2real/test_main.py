@@ -1,7 +1,5 @@
 """The command line from end to end, in this process: folders, sweeps, exit statuses."""
 
-from __future__ import annotations
-
 import errno
 import json
 import logging
@@ -94,9 +92,7 @@ def fails_with(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sim2real.config.compose.instantiate", prepare)
 
 
-def test_ctrl_c_is_one_line(
-    run: Run, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ctrl_c_is_one_line(run: Run, monkeypatch, capsys) -> None:
     """An interrupted run says so in a line and exits with 130."""
     fails_with(KeyboardInterrupt(), monkeypatch)
     assert run(*TINY) == 130
@@ -110,9 +106,7 @@ def test_a_defect_shows_its_traceback(run: Run, monkeypatch: pytest.MonkeyPatch)
         run(*TINY)
 
 
-def test_alone_it_says_what_it_can_do(
-    run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_alone_it_says_what_it_can_do(run: Run, tmp_path: Path, capsys) -> None:
     """Without arguments nothing is trained and no folder is made; --version is this project's."""
     assert run() == 0
     assert "sim2real diagnose LOG.csv MODEL.xml" in capsys.readouterr().out
@@ -156,14 +150,8 @@ def test_the_traceback_is_there_on_demand(run: Run, monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        (
-            OSError(errno.ENOSPC, "No space left on device"),
-            "this run: No space.*free some",
-        ),
-        (
-            PermissionError(errno.EACCES, "Permission denied", "/ro/x"),
-            "/ro/x: Perm.*out=FOLDER",
-        ),
+        (OSError(errno.ENOSPC, "No space left on device"), "this run: No space.*free some"),
+        (PermissionError(errno.EACCES, "Permission denied", "/ro/x"), "/ro/x: Perm.*out=FOLDER"),
         (MemoryError("Unable to allocate 27 GiB"), "more memory than there is .Unable"),
         (ValueError("std::bad_alloc"), "more memory than there is"),
         (RuntimeError("DefaultCPUAllocator: can't allocate memory"), "more memory than there is"),
@@ -175,18 +163,14 @@ def test_what_a_machine_lacks_is_a_sentence(error: Exception, words: str) -> Non
     assert re.search(words, str(entry.explained(error)))
 
 
-def test_a_folder_that_cannot_be_made_is_a_sentence(
-    run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_folder_that_cannot_be_made_is_a_sentence(run: Run, tmp_path: Path, capsys) -> None:
     """A file stands where the run's folder should be."""
     (tmp_path / "taken").touch()
     assert run(*TINY, "out=taken") == 2
     assert "taken: File exists" in capsys.readouterr().err
 
 
-def test_broken_yaml_of_a_user_is_a_sentence(
-    run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_broken_yaml_of_a_user_is_a_sentence(run: Run, tmp_path: Path, capsys) -> None:
     """With the file and the line."""
     (tmp_path / "mine" / "experiment").mkdir(parents=True)
     (tmp_path / "mine" / "experiment" / "bad.yaml").write_text("a: [1\n b: {")
@@ -199,9 +183,7 @@ def test_broken_yaml_of_a_user_is_a_sentence(
 
 
 @pytest.mark.parametrize("value", ["-1", "nan"])
-def test_a_value_that_a_library_refuses_has_its_place(
-    value: str, run: Run, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_value_that_a_library_refuses_has_its_place(value: str, run: Run, capsys) -> None:
     """A learning rate below 0 is torch's to refuse; the key is ours to name."""
     small = ["+experiment=ppo_source", "iterations=1", "eval=none", "algorithm.num_rows=2"]
     assert run(*small, f"optimizer.lr={value}") == 2
@@ -277,9 +259,7 @@ def test_a_full_disk_is_one_sentence_and_nothing_is_half_written(
     assert not [name for name in there if name.startswith(".") and name != ".hydra"]
 
 
-def test_a_log_file_on_a_full_disk_is_no_traceback(
-    run: Run, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_log_file_on_a_full_disk_is_no_traceback(run: Run, monkeypatch, capsys) -> None:
     """What does not fit into the run's own log is left out; the next other file says why."""
 
     def full(self: logging.FileHandler, record: logging.LogRecord) -> None:

@@ -3,8 +3,6 @@
 The module below is all that the user writes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -5,8 +5,6 @@ Each module below is all that the user writes. Transform, actor and loss are in
 `config/test_extensions.py`, a log format in `tests/hardware/formats/test_formats.py`.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

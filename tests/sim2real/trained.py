@@ -1,7 +1,5 @@
 """Small trained runs on servo robots, for the verbs that read a checkpoint."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +8,7 @@ import yaml
 from torchrl.envs import EnvBase, TransformedEnv
 
 from sim2real.config.compose import compose, instantiate
+from sim2real.learning.algorithms.base import build
 
 ES = ["env=bench1", "env.task.seconds=0.4", "policy=mlp", "iterations=1"]
 SMALL_ES = [*ES, "algorithm.num_rows=4", "algorithm.shards=1", "algorithm.pairs=2"]
@@ -23,9 +22,20 @@ def train(out: Path, overrides: list[str]) -> Path:
     """Train as the command line does, and return the run's folder."""
     (out / ".hydra").mkdir(parents=True)
     (out / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump(overrides))
-    verb, arguments = instantiate(compose(overrides), out)
-    verb(**arguments)
+    run_verb(overrides, out)
     return out
+
+
+def run_verb(overrides: list[str], out: Path, **changes: Any) -> Any:
+    """Run a verb as the command line does; `changes` are arguments of it."""
+    verb, arguments = instantiate(compose(overrides), out)
+    return verb(**arguments | changes)
+
+
+def make_learner(overrides: list[str], out: Path = Path(), adapts: bool = True) -> Any:
+    """Return the algorithm of a command line, untrained."""
+    _, given = instantiate(compose(overrides), out)
+    return build(given["algorithm"], given["parts"], adapts)
 
 
 def note_worlds(monkeypatch: pytest.MonkeyPatch) -> list[EnvBase]:

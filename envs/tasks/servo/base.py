@@ -13,8 +13,6 @@ commands' delay, goals and angles in counts, speeds filtered as the firmware doe
 are as old as the bus makes them.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Bench1: one servo that turns a pendulum along a given motion."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

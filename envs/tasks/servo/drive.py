@@ -14,8 +14,6 @@ units; an integral gain is refused, as no affine actuator has one, and so is a d
 scale is not known.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import NamedTuple

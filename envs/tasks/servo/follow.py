@@ -1,7 +1,5 @@
 """Follow: an arm of position servos follows slow sines, for any robot and model."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Hopper2: a leg of two servos on a boom that is rewarded for hopping forward."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from copy import copy
 from typing import Any, Literal, Self, get_args

@@ -9,8 +9,6 @@ distance 2 l cos(bend) from the hip, turned forward by the swing:
 Minitaur's legs (Tan et al. 2018, "Sim-to-Real: Learning Agile Locomotion for Quadruped Robots").
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -3,8 +3,6 @@
 It belongs to the servo's settings, not to what a robot may differ in: no effect of the vocabulary.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Quad12: a four-legged robot of twelve servos that is rewarded for walking forward cheaply."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Quad8: a four-legged robot of eight servos that is rewarded for walking forward cheaply."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

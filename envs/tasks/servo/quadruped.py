@@ -4,8 +4,6 @@ The legs are fl, fr, bl, br. An action is added to the swings and extensions of 
 `envs.tasks.servo.legs` for these coordinates.
 """
 
-from __future__ import annotations
-
 from copy import copy
 from typing import ClassVar, Self
 

@@ -6,8 +6,6 @@
 `conf/robot/NAME.yaml` explains every key. Only what decides how the robot moves is read here.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,31 +21,18 @@ ROBOTS = Path(__file__).parents[3] / "conf" / "robot"
 
 @dataclass(frozen=True)
 class ServoRobotSpec:
-    """A servo robot, its n servos in the order of the model's actuators.
+    """A servo robot, its n servos in the order of the model's actuators."""
 
-    Args:
-        name: the robot's.
-        rate: control steps a second [1/s].
-        delay: the time from writing a command to its effect [s].
-        age: the time from a servo's reading to writing the command computed from it [s].
-        voltage: the voltage of each servo's supply, without load [V].
-        low: least angles that may be commanded [rad], (n,).
-        high: largest angles, (n,).
-        most_step: largest change of a command in one control step [rad], (n,).
-        kinds: the servos' types.
-        registers: what is written to each servo before it moves.
-    """
-
-    name: str
-    rate: float
-    delay: float
-    age: float
-    voltage: tuple[float, ...]
-    low: np.ndarray
-    high: np.ndarray
-    most_step: np.ndarray
-    kinds: tuple[str, ...]
-    registers: tuple[Mapping[str, int], ...]
+    name: str  # the robot's
+    rate: float  # control steps a second [1/s]
+    delay: float  # the time from writing a command to its effect [s]
+    age: float  # the time from a servo's reading to writing the command computed from it [s]
+    voltage: tuple[float, ...]  # the voltage of each servo's supply, without load [V]
+    low: np.ndarray  # least angles that may be commanded [rad], (n,)
+    high: np.ndarray  # largest angles, (n,)
+    most_step: np.ndarray  # largest change of a command in one control step [rad], (n,)
+    kinds: tuple[str, ...]  # the servos' types
+    registers: tuple[Mapping[str, int], ...]  # what is written to each servo before it moves
 
 
 def read_machine(robot: str | Mapping[str, Any], actuators: Sequence[str]) -> ServoRobotSpec:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 
 from sim2real.diagnosis.inference.fit import Fit, Fitter
+from sim2real.diagnosis.inference.likelihood import HALF
 from sim2real.diagnosis.inference.score import Bootstrap
 
 
@@ -26,7 +27,7 @@ def compute_separation(fitter: Fitter, one: Fit, other: Fit) -> float:
     """
     apart = (one.own - other.own)[..., None]
     return sum(
-        float(fitter.likelihood.curvature(trained, apart, own)[0, 0]) / 2
+        float(fitter.likelihood.curvature(trained, apart, own)[0, 0]) * HALF
         for trained, own in zip(one.trained, fitter.sides, strict=True)
     )
 

@@ -26,9 +26,9 @@ from sim2real.diagnosis.inference.decision import Standing, compute_posterior, d
 from sim2real.diagnosis.inference.distance import is_told_apart
 from sim2real.diagnosis.inference.episodes import follows_episodes
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
-from sim2real.diagnosis.inference.glance import NONE, make_glance
+from sim2real.diagnosis.inference.glance import HALVES, NONE, make_glance
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
-from sim2real.diagnosis.inference.likelihood import Basis, Likelihood
+from sim2real.diagnosis.inference.likelihood import HALF, Basis, Likelihood
 from sim2real.diagnosis.inference.moves import (
     is_part,
     list_simpler,
@@ -251,7 +251,7 @@ class Judge:
             own = [start for start in starts if len(start.hypothesis.members) == count]
             fits = self.glance.fit(own, rounds=self.settings.glances)
             fits.sort(key=lambda fit: -fit.density.sum())  # so few windows predict others badly
-            chosen = pick_distinct(fits, max(len(own) // 2, 1))
+            chosen = pick_distinct(fits, max(len(own) // HALVES, 1))
             _keep(self.fitter.fit(map(restart, chosen), rounds), tried)
 
     def _choose(self, tried: dict[str, Fit]) -> Fit:
@@ -328,7 +328,7 @@ class Judge:
 
         Where one variance holds for all errors, the tolerance is this share of their squares.
         """
-        left, least = self.excess(best), 1 - math.exp(-2 * self.settings.equivalence_tolerance)
+        left, least = self.excess(best), 1 - math.exp(-self.settings.equivalence_tolerance / HALF)
         if left.sum() < least * self.excess(self.given).sum():
             return ()
         return find_pushes(self.fitter, best, left)

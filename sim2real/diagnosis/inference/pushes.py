@@ -30,6 +30,7 @@ from sim2real.diagnosis.evidence import Pair
 from sim2real.diagnosis.inference.candidates import Candidate
 from sim2real.diagnosis.inference.fit import Fit, Fitter
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.inference.likelihood import HALF
 from sim2real.diagnosis.inference.replayer import Job
 from sim2real.diagnosis.settings import TINY
 
@@ -162,7 +163,7 @@ def _tried(fitter: Fitter, fit: Fit, window: int, seen: float) -> Iterator[Pushe
             gram = fitter.likelihood.curvature(fit.trained[side], vectors, some)
             square, across = 1 + gram[1, 1], gram[0, 1]
             taken = across**2 / square  # of the window's whitened square
-            evidence = (taken - math.log(square)) / 2 if taken > PART * gram[0, 0] else -math.inf
+            evidence = (taken - math.log(square)) * HALF if taken > PART * gram[0, 0] else -math.inf
             seconds = (origin + a, origin + b)
             torque = -across / square * size / most
             yield Pushed(joint.name, own.log, own.episode, seconds, torque, float(evidence))

@@ -25,6 +25,7 @@ import numpy as np
 from sim2real.diagnosis.inference.candidates import Candidate
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
+from sim2real.diagnosis.inference.likelihood import HALF
 from sim2real.diagnosis.inference.moves import are_compatible, join_members
 from sim2real.diagnosis.settings import TINY
 
@@ -112,7 +113,7 @@ def list_promising(fitter: Fitter, base: Fit, lines: Sequence[Line], most: int) 
         slope, curve = _products(fitter, base, [line.change for line in some])
         for line, along, square in zip(some, slope, np.diag(curve), strict=True):
             scale = float(np.clip(-along / max(square, TINY), *_reach(line.member)))
-            found.append(line._replace(gain=-(along + square * scale / 2) * scale))
+            found.append(line._replace(gain=-(along + square * scale * HALF) * scale))
     return [line.member.label for line in _pick(found, most)]
 
 
@@ -130,7 +131,7 @@ def trace_lines(fitter: Fitter, base: Fit, starts: Sequence[Start]) -> list[Line
         for k, (start, point) in enumerate(some):
             (member,) = start.hypothesis.members
             scale = float(np.clip(-slope[k] / max(curve[k, k], TINY), *_reach(member)))
-            gain = -(slope[k] + curve[k, k] * scale / 2) * scale
+            gain = -(slope[k] + curve[k, k] * scale * HALF) * scale
             if abs(scale) > SMALLEST:
                 lines.append(Line(member, point, changes[k], scale, gain))
     return lines
@@ -165,7 +166,7 @@ def pick_pairs(fitter: Fitter, base: Fit, lines: Sequence[Line], most: int) -> l
         small = curve[own] + np.diag(TINY + fitter.settings.ridge * np.diag(curve[own]))
         low, high = np.transpose([_reach(lines[i].member), _reach(lines[j].member)])
         scale = np.clip(np.linalg.solve(small, -slope[[i, j]]), low, high)
-        gain = -(slope[[i, j]] @ scale + scale @ curve[own] @ scale / 2)
+        gain = -(slope[[i, j]] @ scale + scale @ curve[own] @ scale * HALF)
         found.append((float(gain), (i, j), scale))
     found.sort(key=lambda one: -one[0])
     return [join_lines(base, [lines[k] for k in pair], scale) for _, pair, scale in found[:most]]

@@ -5,8 +5,6 @@ arrivals = bus.arrivals(stamps, rng)            # (T,) s
 seen = bus.read(stamps, times, path, rng)       # (T, n) rad, in counts of the encoder
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,23 +12,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Bus:
-    """Times of one bus and the encoders that are read over it.
+    """Times of one bus and the encoders that are read over it."""
 
-    Args:
-        latency: from writing a command till the servo has it [s]; what the nominal model knows.
-        age: of a reading when its row's command is written [s].
-        jitter: half the spread of both [s].
-        counts: of the encoders in one turn, as the program reads them.
-        command_delay: further delay of commands [s].
-        reading_delay: further age of readings [s].
-    """
-
-    latency: float
-    age: float
-    jitter: float
-    counts: float
-    command_delay: float = 0.0
-    reading_delay: float = 0.0
+    latency: float  # from writing a command till the servo has it [s]; what the nominal model knows
+    age: float  # of a reading when its row's command is written [s]
+    jitter: float  # half the spread of both [s]
+    counts: float  # of the encoders in one turn, as the program reads them
+    command_delay: float = 0.0  # further delay of commands [s]
+    reading_delay: float = 0.0  # further age of readings [s]
 
     def arrivals(self, stamps: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Return when the commands written at these times [s], (T,), take effect, in order."""

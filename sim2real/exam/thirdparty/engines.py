@@ -8,8 +8,6 @@ Both are given the numbers of `tree`, never an MJCF. An armature is the inertia 
 turns with its joint.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from importlib.util import find_spec
 from types import SimpleNamespace

@@ -9,8 +9,6 @@ halves are drawn from one seed and share no case: one is for mending and calibra
 opened once.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections.abc import Sequence
@@ -22,8 +20,8 @@ import numpy as np
 
 from hardware.files import atomic_write
 from hardware.log import Log, write_log
-from sim2real.exam import hold
-from sim2real.exam.cases import check_limits, write_task
+from sim2real.exam.cases import write_task
+from sim2real.exam.hold import Examiner, opened
 from sim2real.exam.logs import overall
 from sim2real.exam.measure import apart
 from sim2real.exam.outline import KEY, Outline
@@ -44,7 +42,7 @@ AGAIN = 8.0  # s of the first motion that are driven twice: what noise does
 
 
 @dataclass(frozen=True)
-class EngineExam:
+class EngineExam(Examiner):
     """The numbers of cases by kind.
 
     Args:
@@ -53,10 +51,8 @@ class EngineExam:
         half: calibration (to look at and to develop with) or sealed (opened once).
         engine: what moves the robots: drake or dart.
         seconds: of each motion [s].
-        longest: time after which a diagnosis counts as failed [s].
-        block: number of cases that are made and sealed before the first of them is diagnosed.
-        most: maximum number of cases to diagnose now; answered ones are scored. None: all.
         skip: number of the first drawn cases to leave out: those that were opened before.
+        longest, block, most: see `Examiner`.
 
     Raises:
         Sim2RealError: an unknown kind, half or engine, an engine that is not installed, or a number
@@ -68,12 +64,10 @@ class EngineExam:
     half: Half
     engine: EngineName
     seconds: float
-    longest: float
-    block: int
-    most: int | None = None
     skip: int = 0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         wrong = [kind for kind in self.kinds if kind not in KINDS]
         if wrong or not self.kinds:
             raise Sim2RealError(
@@ -86,7 +80,6 @@ class EngineExam:
                 f"exam.cases_per_kind={self.cases_per_kind} must be at least 1, and "
                 f"exam.seconds={self.seconds} at least {AGAIN:g}"
             )
-        check_limits(self.longest, self.most, self.block)
         cases = len(self.kinds) * self.cases_per_kind
         if not 0 <= self.skip < cases:
             raise Sim2RealError(f"exam.skip={self.skip} must be from 0 to {cases - 1}")
@@ -109,14 +102,9 @@ class EngineExam:
         return found[self.skip :]
 
     def make(self, outline: Outline, logs: Path, key: Path) -> bool:
-        """Record a case and write its two folders; False if no robot can show its like.
+        """Record a case; see `Examiner`.
 
         What a robot cannot show, and a law that the vocabulary refits, is drawn again.
-
-        Args:
-            outline: the case.
-            logs: the folder that a diagnosis is given.
-            key: the folder that it is not.
         """
         again = draws(outline.kind, np.random.default_rng([outline.seed, 3]))  # type: ignore[arg-type]
         others = itertools.islice(again, REDRAWS)
@@ -128,10 +116,8 @@ class EngineExam:
         return False
 
     def report(self, folder: Path, drawn: int, seed: int) -> list[Mark]:
-        """Open the seals, mark every case that was answered, and write tables and pictures."""
-        return hold.opened(
-            folder, drawn, lambda names, cases: tables.report(folder, names, cases, seed)
-        )
+        """Mark the answered cases and write tables and pictures; see `Examiner`."""
+        return tables.report(folder, *opened(folder, drawn), seed)
 
     def _write(self, outline: Outline, made: Made, logs: Path, key: Path) -> bool:
         robot = ROBOTS[outline.robot]

@@ -9,8 +9,6 @@ is the Stribeck curve. The deflection moves by its exact solution over a step, s
 makes it unstable.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -20,33 +18,20 @@ RATIO = 0.7  # damping ratio of a joint that sticks on its bristles
 
 @dataclass(frozen=True)
 class Friction:
-    """The friction of a joint; all values 0 mean none.
+    """The friction of a joint; all values 0 mean none."""
 
-    Args:
-        coulomb: dry friction at any speed [N·m].
-        viscous: torque per speed [N·m·s/rad].
-        excess: more dry friction at rest [N·m].
-        speed: at which the excess has fallen to 1/e [rad/s].
-        load: dry friction per transmitted torque.
-        skew: added to the dry friction in positive, taken off in negative direction [N·m].
-        worn: more dry friction about one angle [N·m].
-        worn_at: that angle [rad].
-        worn_width: how wide about it (standard deviation) [rad].
-        grease: more viscous friction while it is cold [N·m·s/rad].
-        warm_up: time in which that falls to 1/e [s].
-    """
-
-    coulomb: float = 0.0
-    viscous: float = 0.0
-    excess: float = 0.0
-    speed: float = 0.5
-    load: float = 0.0
+    coulomb: float = 0.0  # dry friction at any speed [N·m]
+    viscous: float = 0.0  # torque per speed [N·m·s/rad]
+    excess: float = 0.0  # more dry friction at rest [N·m]
+    speed: float = 0.5  # at which the excess has fallen to 1/e [rad/s]
+    load: float = 0.0  # dry friction per transmitted torque
+    # added to the dry friction in positive, taken off in negative direction [N·m]
     skew: float = 0.0
-    worn: float = 0.0
-    worn_at: float = 0.0
-    worn_width: float = 0.1
-    grease: float = 0.0
-    warm_up: float = 5.0
+    worn: float = 0.0  # more dry friction about one angle [N·m]
+    worn_at: float = 0.0  # that angle [rad]
+    worn_width: float = 0.1  # how wide about it (standard deviation) [rad]
+    grease: float = 0.0  # more viscous friction while it is cold [N·m·s/rad]
+    warm_up: float = 5.0  # time in which that falls to 1/e [s]
 
     def dry(self, speed: float, angle: float, load: float) -> float:
         """Return the dry friction of steady sliding [N·m], never below 0."""

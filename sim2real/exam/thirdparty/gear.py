@@ -7,26 +7,17 @@ Play is a dead band in the spring's twist. Within it nothing is transmitted; at 
 is as stiff as given, and its damper pushes but never pulls the sides together.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Gear:
-    """A spring with play.
+    """A spring with play."""
 
-    Args:
-        stiffness: [N·m/rad].
-        damping: [N·m·s/rad].
-        play: the whole dead band [rad].
-        rub: dry friction parallel to the spring [N·m], which the robot adds as it moves.
-    """
-
-    stiffness: float
-    damping: float
-    play: float = 0.0
-    rub: float = 0.0
+    stiffness: float  # [N·m/rad]
+    damping: float  # [N·m·s/rad]
+    play: float = 0.0  # the whole dead band [rad]
+    rub: float = 0.0  # dry friction parallel to the spring [N·m], which the robot adds as it moves
 
     def __call__(self, twist: float, rate: float) -> float:
         """Return the torque on the link [N·m].

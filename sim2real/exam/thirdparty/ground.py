@@ -9,8 +9,6 @@ Feet are spheres against a half-space: point contact with a linear spring, dampi
 the depth (Hunt and Crossley, J. Appl. Mech. 42 (2), 1975) and Coulomb friction, in discrete steps.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 

@@ -8,8 +8,6 @@ A size is a positive number in which every effect grows from nothing. The models
 package's other modules; the names are the vocabulary's, and nothing else is shared with it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -31,26 +29,16 @@ SLACK = 50.0  # N·m/rad: the stiffness that compliance is measured by where no 
 
 @dataclass(frozen=True)
 class Law:
-    """One effect of the vocabulary.
+    """One effect of the vocabulary."""
 
-    Args:
-        place: what it acts on.
-        form: how a size becomes a value.
-        unit: what a size multiplies; see `units`.
-        low: the smallest size.
-        high: the largest.
-        put: what it does to a robot.
-        sides: where its encoders may sit.
-        extra: draws its further scalars.
-    """
-
-    place: Literal["joint", "body", "robot"]
-    form: Form
-    unit: str
-    low: float
-    high: float
-    put: Put
-    sides: tuple[str, ...] = ()
+    place: Literal["joint", "body", "robot"]  # what it acts on
+    form: Form  # how a size becomes a value
+    unit: str  # what a size multiplies; see `units`
+    low: float  # the smallest size
+    high: float  # the largest
+    put: Put  # what it does to a robot
+    sides: tuple[str, ...] = ()  # where its encoders may sit
+    # draws its further scalars
     extra: Callable[[np.random.Generator], dict[str, float]] = lambda rng: {}
 
     def draw(self, rig: Rig, joint: str | None, rng: np.random.Generator) -> Callable[[float], Any]:

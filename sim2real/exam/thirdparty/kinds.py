@@ -13,8 +13,6 @@ torque       a leg whose commands are torques, with one effect
 encoders     play or a spring, with the firmware's encoder on one side and the log's on the other
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal
 

@@ -9,8 +9,6 @@ count of the encoder. Sizes are such that the gap of an effect is log-uniform be
 floors; under a dirty background it is at least twice the background's.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -42,25 +40,15 @@ Change = Callable[[Rig], Rig]
 
 @dataclass(frozen=True)
 class Made:
-    """A robot that hides something.
+    """A robot that hides something."""
 
-    Args:
-        rig: the robot.
-        bare: the same with nothing hidden.
-        truths: what is hidden, each with its own `gap` [rad].
-        gap: of all of it [rad].
-        floor: [rad].
-        background: gap of what is a little off everywhere [rad].
-        outside: the law outside the vocabulary, if there is one.
-    """
-
-    rig: Rig
-    bare: Rig
-    truths: tuple[Truth, ...]
-    gap: float
-    floor: float
-    background: float = 0.0
-    outside: str | None = None
+    rig: Rig  # the robot
+    bare: Rig  # the same with nothing hidden
+    truths: tuple[Truth, ...]  # what is hidden, each with its own `gap` [rad]
+    gap: float  # of all of it [rad]
+    floor: float  # [rad]
+    background: float = 0.0  # gap of what is a little off everywhere [rad]
+    outside: str | None = None  # the law outside the vocabulary, if there is one
 
 
 class Bench:

@@ -17,68 +17,25 @@ Rules, in addition to those of `sim2real.exam.score`:
   right (outside laws, a nominal model that is off), it is wrong.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sim2real.exam.score import Places, describe, members_of, value_of, words
+from sim2real.exam.score import CaseMark, Named, Places, describe, members_of, value_of, words
 
 SURE = 0.8  # confidence from which a cause that is none counts as wrong
 
 
-@dataclass(frozen=True)
-class Mark:
-    """The result of one case; None where a question does not apply.
+@dataclass(frozen=True, kw_only=True)
+class Mark(CaseMark):
+    """The result of one case; see `CaseMark`, and `sim2real.exam.thirdparty.kinds`."""
 
-    Args:
-        case: its name.
-        kind: see `sim2real.exam.thirdparty.kinds`.
-        robot: its name.
-        hidden: what was hidden, in words.
-        answer: the verdict and the causes in words.
-        effects: the names of what was hidden.
-        verdict: of the report; "failed" without one.
-        floors: the gap in floors.
-        background: the gap of what is a little off everywhere, in floors.
-        rank1: whether the first cause is right.
-        rank3: whether all hidden effects are among the first three.
-        place: whether the first place is right.
-        explained: whether the verdict is `explained`.
-        sure: whether a cause was named with a confidence of `SURE` or more.
-        error: relative error of the first cause's value, where it can be compared.
-        covered: whether its interval holds the truth.
-        confidence: of the first cause.
-        right: whether the first cause is right, for the calibration; None without a cause.
-        superfluous: causes that nothing hidden stands behind.
-        closed: share of the closable gap that is closed on a log that the diagnosis never saw.
-        seconds: of the diagnosis.
-        reason: why it is wrong, for people; "" if it is right.
-    """
-
-    case: str
-    kind: str
-    robot: str
-    hidden: str
-    answer: str
-    effects: tuple[str, ...]
-    verdict: str
-    floors: float
-    background: float
-    rank1: bool | None = None
-    rank3: bool | None = None
-    place: bool | None = None
-    explained: bool | None = None
-    sure: bool | None = None
-    error: float | None = None
-    covered: bool | None = None
-    confidence: float | None = None
-    right: bool | None = None
-    superfluous: int | None = None
-    closed: float | None = None
-    seconds: float | None = None
-    reason: str = ""
+    truths: tuple[str, ...]  # the names of what was hidden
+    verdict: str  # of the report; "failed" without one
+    floors: float  # the gap in floors
+    background: float  # the gap of what is a little off everywhere, in floors
+    explained: bool | None = None  # whether the verdict is `explained`
+    sure: bool | None = None  # whether a cause was named with a confidence of `SURE` or more
 
 
 def mark(
@@ -98,7 +55,7 @@ def mark(
         "kind": key["kind"],
         "robot": key["robot"],
         "hidden": hidden,
-        "effects": tuple(truth["effect"] for truth in truths),
+        "truths": tuple(truth["effect"] for truth in truths),
         "floors": key["gap"] / key["floor"],
         "background": key["background"] / key["floor"],
         "verdict": report["verdict"] if report else "failed",
@@ -181,9 +138,7 @@ def _inside(
     return Mark(**common, **_first(causes, rank1), **marks)
 
 
-def _as_wide(
-    cause: Mapping[str, Any], members: list[tuple[str, str | None]]
-) -> list[tuple[str, str | None]]:
+def _as_wide(cause: Mapping[str, Any], members: list[Named]) -> list[Named]:
     """Return the members of a cause that are effects of the whole robot."""
     if cause.get("shared"):
         return [(effect, None) for effect, _ in members]
@@ -193,8 +148,8 @@ def _as_wide(
 def _why(
     verdict: str,
     causes: list[Mapping[str, Any]],
-    named: list[list[tuple[str, str | None]]],
-    truths: list[tuple[str, str | None]],
+    named: list[list[Named]],
+    truths: list[Named],
     rank1: bool,
     place: bool,
 ) -> str:

@@ -6,8 +6,6 @@ Parts of equal length follow each other: slow ramps, a chirp, steps, a multisine
 held. They fade in and out at the home pose.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -8,8 +8,6 @@ worn gear rubs about one angle; grease is thick while it is cold; a detent holds
 angle; a loose mount lets the whole robot rock.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

@@ -8,8 +8,6 @@ where it has none), to the body that this joint moves, and to the whole robot, b
 diagnosis with one cause could reach.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from envs.effects import EFFECTS as VOCABULARY

@@ -32,62 +32,37 @@ Pull = Callable[[float, float, float], float]  # time [s], angle [rad], speed [r
 
 @dataclass(frozen=True)
 class Joint:
-    """One joint with what drives it.
+    """One joint with what drives it."""
 
-    Args:
-        servo: its firmware and motor; None where nothing drives it.
-        friction: what rubs, on the motor's side of the gear.
-        armature: inertia of the rotor at the joint [kg·m²].
-        inertia: of everything at the joint [kg·m²], which bristles are damped for.
-        gear: spring and play between motor and link; None is rigid.
-        servo_reads: side of the gear that the firmware's encoder is on.
-        log_reads: side of the gear that the log's encoder is on.
-        offset: added to what both encoders show [rad].
-        eccentric: amplitude by which they err over a turn [rad].
-        phase: where in the turn [rad].
-        pulls: further torques on the link.
-    """
-
-    servo: Servo | None
-    friction: Friction
-    armature: float
-    inertia: float
-    gear: Gear | None = None
-    servo_reads: Side = "motor"
-    log_reads: Side = "motor"
-    offset: float = 0.0
-    eccentric: float = 0.0
-    phase: float = 0.0
-    pulls: tuple[Pull, ...] = ()
+    servo: Servo | None  # its firmware and motor; None where nothing drives it
+    friction: Friction  # what rubs, on the motor's side of the gear
+    armature: float  # inertia of the rotor at the joint [kg·m²]
+    inertia: float  # of everything at the joint [kg·m²], which bristles are damped for
+    gear: Gear | None = None  # spring and play between motor and link; None is rigid
+    servo_reads: Side = "motor"  # side of the gear that the firmware's encoder is on
+    log_reads: Side = "motor"  # side of the gear that the log's encoder is on
+    offset: float = 0.0  # added to what both encoders show [rad]
+    eccentric: float = 0.0  # amplitude by which they err over a turn [rad]
+    phase: float = 0.0  # where in the turn [rad]
+    pulls: tuple[Pull, ...] = ()  # further torques on the link
 
 
 @dataclass(frozen=True)
 class Rig:
-    """A robot that can be driven.
+    """A robot that can be driven."""
 
-    Args:
-        tree: its bodies.
-        joints: by name, in the order of `tree.names`.
-        bus: between program and servos.
-        rate: control steps a second.
-        firmware: ticks of the servos' loops a second.
-        engine: what moves the bodies.
-        step: of time [s].
-        home: the pose about which it moves [rad], by joint.
-        ends: where links without children end, in their frames [m], (3,) each.
-        meta: of its logs.
-    """
-
-    tree: Tree
-    joints: Mapping[str, Joint]
-    bus: Bus
-    rate: float
-    firmware: float
-    engine: EngineName
-    step: float
+    tree: Tree  # its bodies
+    joints: Mapping[str, Joint]  # by name, in the order of `tree.names`
+    bus: Bus  # between program and servos
+    rate: float  # control steps a second
+    firmware: float  # ticks of the servos' loops a second
+    engine: EngineName  # what moves the bodies
+    step: float  # of time [s]
+    # the pose about which it moves [rad], by joint
     home: Mapping[str, float] = field(default_factory=dict)
+    # where links without children end, in their frames [m], (3,) each
     ends: Mapping[str, np.ndarray] = field(default_factory=dict)
-    meta: Mapping[str, Any] = field(default_factory=dict)
+    meta: Mapping[str, Any] = field(default_factory=dict)  # of its logs
 
     @property
     def driven(self) -> tuple[str, ...]:
@@ -120,10 +95,7 @@ class Rig:
         stamps[1:] += HOST * rng.uniform(-1, 1, len(ctrl) - 1)
         times, path = self._run(ctrl, self.bus.arrivals(stamps, rng), stamps[-1])
         seen = self.bus.read(stamps, times, path, rng)
-        columns: dict[str, np.ndarray] = {
-            "episode": np.zeros(len(ctrl)),
-            "time": stamps,
-        }
+        columns: dict[str, np.ndarray] = {"episode": np.zeros(len(ctrl)), "time": stamps}
         columns |= {f"ctrl.{name}": ctrl[:, i] for i, name in enumerate(self.driven)}
         columns |= {f"qpos.{name}": seen[:, i] for i, name in enumerate(self.driven)}
         return Log(columns, dict(self.meta))

@@ -9,8 +9,6 @@ The nominal model is what an honest user has: gains, limits, inertia and frictio
 and in its actuators the delay that was measured once: the bus's and half a tick of the firmware.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,25 +32,15 @@ HELD = (60.0, 2.0)  # N·m/rad and N·m·s/rad with which a program makes a leg 
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot's properties that its model lacks.
+    """A robot's properties that its model lacks."""
 
-    Args:
-        name: of the robot and of its MJCF in envs/assets/exam.
-        rate: control steps a second.
-        firmware: ticks of the servos' loops a second.
-        latency: of commands on the bus [s].
-        age: of readings when their row's command is written [s].
-        jitter: half the spread of both [s].
-        counts: of an encoder's turn, as the program reads it.
-    """
-
-    name: str
-    rate: float
-    firmware: float = 2000.0
-    latency: float = 0.001
-    age: float = 0.0001
-    jitter: float = 0.0001
-    counts: float = 4096.0
+    name: str  # of the robot and of its MJCF in envs/assets/exam
+    rate: float  # control steps a second
+    firmware: float = 2000.0  # ticks of the servos' loops a second
+    latency: float = 0.001  # of commands on the bus [s]
+    age: float = 0.0001  # of readings when their row's command is written [s]
+    jitter: float = 0.0001  # half the spread of both [s]
+    counts: float = 4096.0  # of an encoder's turn, as the program reads it
 
 
 ROBOTS: Mapping[str, Robot] = {

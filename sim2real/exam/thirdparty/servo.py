@@ -12,8 +12,6 @@ motor driven by voltage brakes itself by its back-EMF, current or not; one with 
 not, and has a torque that falls off near its no-load speed.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -23,45 +21,26 @@ COLDEST = 0.05  # the least share of its torque that a hot motor keeps
 
 @dataclass(frozen=True)
 class Servo:
-    """The settings of one servo and the data of its motor.
+    """The settings of one servo and the data of its motor."""
 
-    Args:
-        kp: torque per error [N·m/rad]; 0 with `torque`: commands are torques.
-        kd: torque per speed, taken off [N·m·s/rad].
-        ki: torque per integral of the error [N·m/(rad·s)].
-        limit: largest demand [N·m].
-        torque: whether commands are torques in N·m instead of angles.
-        braking: torque per speed of the back-EMF in a motor that is driven by voltage [N·m·s/rad].
-        counts: of the encoder in one turn, as the firmware has it.
-        strength: factor on torque and its limit.
-        supply: factor on the voltage.
-        stall: torque at rest of the torque-speed limit [N·m]; inf is none.
-        no_load: speed at which that has fallen to 0 [rad/s].
-        lag: time constant of the current loop [s].
-        heating: loss per N²·m²·s.
-        cooling: share of the heat that is lost in a second [1/s].
-        dead_zone: error that the firmware takes for 0 [rad].
-        fastest: limit of the goal's speed [rad/s].
-        sharpest: limit of the goal's acceleration [rad/s²].
-    """
-
-    kp: float = 0.0
-    kd: float = 0.0
-    ki: float = 0.0
-    limit: float = math.inf
-    torque: bool = False
+    kp: float = 0.0  # torque per error [N·m/rad]; 0 with `torque`: commands are torques
+    kd: float = 0.0  # torque per speed, taken off [N·m·s/rad]
+    ki: float = 0.0  # torque per integral of the error [N·m/(rad·s)]
+    limit: float = math.inf  # largest demand [N·m]
+    torque: bool = False  # whether commands are torques in N·m instead of angles
+    # torque per speed of the back-EMF in a motor that is driven by voltage [N·m·s/rad]
     braking: float = 0.0
-    counts: float = 2.0**16
-    strength: float = 1.0
-    supply: float = 1.0
-    stall: float = math.inf
-    no_load: float = math.inf
-    lag: float = 0.0
-    heating: float = 0.0
-    cooling: float = 0.0
-    dead_zone: float = 0.0
-    fastest: float = math.inf
-    sharpest: float = math.inf
+    counts: float = 2.0**16  # of the encoder in one turn, as the firmware has it
+    strength: float = 1.0  # factor on torque and its limit
+    supply: float = 1.0  # factor on the voltage
+    stall: float = math.inf  # torque at rest of the torque-speed limit [N·m]; inf is none
+    no_load: float = math.inf  # speed at which that has fallen to 0 [rad/s]
+    lag: float = 0.0  # time constant of the current loop [s]
+    heating: float = 0.0  # loss per N²·m²·s
+    cooling: float = 0.0  # share of the heat that is lost in a second [1/s]
+    dead_zone: float = 0.0  # error that the firmware takes for 0 [rad]
+    fastest: float = math.inf  # limit of the goal's speed [rad/s]
+    sharpest: float = math.inf  # limit of the goal's acceleration [rad/s²]
 
 
 class Firmware:

@@ -5,23 +5,19 @@
 Shares have Wilson's 95 % intervals, medians the bootstrap's.
 """
 
-from __future__ import annotations
-
 import json
-from collections.abc import Iterable, Sequence
-from itertools import pairwise
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
 
 from envs.effects import load_effects
 from hardware.log import read_log
 from sim2real.exam import hold
 from sim2real.exam.answer import EFFECTS, REPORT, VERSION
 from sim2real.exam.outline import KEY
-from sim2real.exam.score import median, wilson
+from sim2real.exam.score import calibration, confidences, failures, mean, median, of, wilson
+from sim2real.exam.score import cases as every
 from sim2real.exam.thirdparty.kinds import KINDS
 from sim2real.exam.thirdparty.marks import Mark, mark
 from sim2real.runs.figures import INK, figure
@@ -29,7 +25,6 @@ from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
 
 TOLD = ("single", "two", "dirty", "robot_wide", "torque", "encoders")  # something known is hidden
-ENDS = (0.01, 0.99)  # of confidences, as the settings have them
 EDGES = (0.0, 0.5, 0.8, 0.9, 0.95, 1.001)  # of the table of calibration
 
 
@@ -47,18 +42,13 @@ def report(folder: Path, names: Sequence[str], cases: int, seed: int) -> list[Ma
         "lines": ("What was aimed at", lines(marks)),
         "kinds": ("Kind by kind", by_kind(marks, np.random.default_rng(seed))),
         "recall": ("Recall by effect and kind", recall(marks)),
-        "calibration": ("Is the confidence earned?", calibration(marks)),
-        "failures": ("What was answered wrongly", failures(marks)),
+        "calibration": ("Is the confidence earned?", calibration(marks, EDGES)),
+        "failures": ("What was answered wrongly", failures(marks, "floors", "background")),
     }
-    text = [f"# Blind check on robots of another engine\n\n{_head(folder, marks, cases, seed)}\n"]
-    for name, (title, table) in parts.items():
-        text.append(f"## {title}\n\n{table.markdown()}")
-        write_text(folder / f"{name}.csv", table.csv())
-    write_text(folder / "table.md", "\n".join(text))
-    write_text(folder / "cases.csv", _every(marks).csv())
-    figures = {str(row[0]): row[1:] for row in parts["lines"][1].rows}
+    head = f"# Blind check on robots of another engine\n\n{_head(folder, marks, cases, seed)}"
     about = {"seed": seed, "cases": cases, "answered": len(marks), "partial": len(marks) < cases}
-    write_text(folder / "score.json", json.dumps(about | {"figures": figures}, indent=1))
+    hold.write_tables(folder, head, parts, about)
+    write_text(folder / "cases.csv", every(marks).csv())
     draw(marks, folder / "plots" / "recall.png")
     return marks
 
@@ -92,7 +82,7 @@ def lines(marks: Sequence[Mark]) -> Table:
     table = Table(("figure", "cases", "value", "aim"))
 
     def add(label: str, kind: str, name: str, aim: str) -> None:
-        values = _of([one for one in marks if one.kind == kind], name)
+        values = of([one for one in marks if one.kind == kind], name)
         table.add(label, len(values), wilson(values), aim)
 
     add("single: rank 1 right", "single", "rank1", "≥ 0.85")
@@ -109,10 +99,10 @@ def lines(marks: Sequence[Mark]) -> Table:
     add("two encoders: rank 1 right", "encoders", "rank1", "")
     wrong = [not one.rank1 for one in marks if one.verdict == "explained"]
     table.add("of all called explained: a false first cause", len(wrong), wilson(wrong), "")
-    covered = _of(marks, "covered")
+    covered = of(marks, "covered")
     table.add("value in its 90 % interval", len(covered), wilson(covered), "0.82 to 0.96")
-    asked = [one for one in marks if one.right is not None]
-    table.add("calibration error of the confidence", len(asked), calibration_error(asked), "≤ 0.07")
+    said, _ = confidences(marks)
+    table.add("calibration error of the confidence", len(said), calibration_error(marks), "≤ 0.07")
     return table
 
 
@@ -124,10 +114,10 @@ def by_kind(marks: Sequence[Mark], rng: np.random.Generator) -> Table:
     for kind in (*KINDS, "all"):
         own = [one for one in marks if kind in (one.kind, "all")]
         if own:
-            shares = [wilson(_of(own, name)) for name in names]
-            extra = _of(own, "superfluous")
-            medians = [median(_of(own, name), rng) for name in middles]
-            table.add(kind, len(own), *shares, _mean(extra), *medians)
+            shares = [wilson(of(own, name)) for name in names]
+            extra = of(own, "superfluous")
+            medians = [median(of(own, name), rng) for name in middles]
+            table.add(kind, len(own), *shares, mean(extra), *medians)
     table.notes.append(
         "`superfluous`: causes a case that nothing hidden stands behind, mean. Medians: `closed`, "
         "share of the closable gap of a log that the diagnosis never saw; `error`, relative, of "
@@ -164,59 +154,22 @@ def draw(marks: Sequence[Mark], path: Path) -> None:
 
 def _counts(marks: Sequence[Mark]) -> tuple[list[str], list[str], np.ndarray, np.ndarray]:
     """Return kinds, effects, and how many of their cases are right and were asked, (E, K) each."""
-    held = [one for one in marks if one.effects]
+    held = [one for one in marks if one.truths]
     kinds = [kind for kind in KINDS if any(one.kind == kind for one in held)]
-    effects = sorted({effect for one in held for effect in one.effects})
+    effects = sorted({effect for one in held for effect in one.truths})
     right, asked = np.zeros((2, len(effects), len(kinds)), int)
     for one in held:
-        for effect in one.effects:
+        for effect in one.truths:
             place = effects.index(effect), kinds.index(one.kind)
             asked[place] += 1
             right[place] += not one.reason
     return kinds, effects, right, asked
 
 
-def calibration(marks: Sequence[Mark]) -> Table:
-    """Return how often a first cause is right, by the confidence that it was named with."""
-    table = Table(("confidence", "cases", "mean confidence", "right"))
-    asked = [one for one in marks if one.right is not None]
-    for low, high in pairwise(EDGES):
-        own = [one for one in asked if low <= (one.confidence or 0.0) < high]
-        mean = _mean([one.confidence or 0.0 for one in own])
-        table.add(f"{low:g} to {min(high, 1.0):g}", len(own), mean, wilson(_of(own, "right")))
-    if asked:
-        intercept, slope = curve(asked)
-        table.notes.append(
-            "Log odds that a first cause is right, over those of its confidence: "
-            f"{intercept:.2f} + {slope:.2f} x, pulled towards x as by one case. Earned confidence "
-            "leaves x alone; the setting `causes.calibration` holds what such a fit found."
-        )
-    return table
-
-
-def curve(asked: Sequence[Mark]) -> tuple[float, float]:
-    """Return intercept and slope of the log odds of being right, over those of the confidence.
-
-    Logistic regression with a normal prior of standard deviation 1 about 0 and 1.
-    """
-    sure = np.clip([one.confidence or 0.0 for one in asked], *ENDS)
-    odds = np.log(sure / (1 - sure))
-    side = np.where([bool(one.right) for one in asked], 1.0, -1.0)
-
-    def loss(line: np.ndarray) -> float:
-        against = np.logaddexp(0.0, -side * (line[0] + line[1] * odds))
-        return float(against.sum() + (line[0] ** 2 + (line[1] - 1) ** 2) / 2)
-
-    intercept, slope = minimize(loss, [0.0, 1.0]).x
-    return float(intercept), float(slope)
-
-
-def calibration_error(asked: Sequence[Mark]) -> float | None:
+def calibration_error(marks: Sequence[Mark]) -> float | None:
     """Return how far confidences are from the shares that are right; None of no answers."""
-    if not asked:
-        return None
-    confidence = np.array([one.confidence or 0.0 for one in asked])
-    return expected_error(confidence, np.array([bool(one.right) for one in asked], float))
+    said, right = confidences(marks)
+    return expected_error(said, right.astype(float)) if len(said) else None
 
 
 def expected_error(said: np.ndarray, right: np.ndarray) -> float:
@@ -232,32 +185,3 @@ def expected_error(said: np.ndarray, right: np.ndarray) -> float:
     bins = np.digitize(said, EDGES)
     gaps = [abs((said - right)[bins == one].sum()) for one in np.unique(bins)]
     return float(np.sum(gaps) / len(said))
-
-
-def failures(marks: Sequence[Mark]) -> Table:
-    """Return the cases that were answered wrongly, and how."""
-    columns = ("case", "kind", "robot", "floors", "background", "hidden", "answer", "why")
-    table = Table(columns)
-    for one in marks:
-        if one.reason:
-            sizes = (round(one.floors, 1), round(one.background, 1))
-            about = (one.case, one.kind, one.robot, *sizes)
-            table.add(*about, one.hidden, one.answer, one.reason)
-    return table
-
-
-def _every(marks: Sequence[Mark]) -> Table:
-    names = [name for name in Mark.__dataclass_fields__ if name != "effects"]
-    table = Table(names)
-    for one in marks:
-        values = [getattr(one, name) for name in names]
-        table.add(*(int(v) if isinstance(v, bool) else v for v in values))
-    return table
-
-
-def _of(marks: Iterable[Mark], name: str) -> list[Any]:
-    return [value for one in marks if (value := getattr(one, name)) is not None]
-
-
-def _mean(values: Sequence[float]) -> float | None:
-    return float(np.mean(values)) if len(values) else None

@@ -24,32 +24,20 @@ HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE
 
 @dataclass(frozen=True)
 class Link:
-    """One body and the joint that moves it against its parent.
+    """One body and the joint that moves it against its parent."""
 
-    Args:
-        body: its name.
-        parent: index of the body that carries it; -1 is the world.
-        position: of its frame in the parent's at zero [m], (3,).
-        rotation: of its frame in the parent's at zero, (3, 3).
-        mass: [kg].
-        centre: of mass, in its own frame [m], (3,).
-        inertia: about the centre of mass, along its own frame's axes [kg·m²], (3, 3).
-        joint: the joint's name; None is a weld.
-        slides: whether the joint slides; else it turns.
-        anchor: a point of the axis in its own frame [m], (3,).
-        axis: its direction in its own frame, (3,).
-    """
-
-    body: str
-    parent: int
-    position: np.ndarray
-    rotation: np.ndarray
-    mass: float
-    centre: np.ndarray
-    inertia: np.ndarray
-    joint: str | None = None
-    slides: bool = False
+    body: str  # its name
+    parent: int  # index of the body that carries it; -1 is the world
+    position: np.ndarray  # of its frame in the parent's at zero [m], (3,)
+    rotation: np.ndarray  # of its frame in the parent's at zero, (3, 3)
+    mass: float  # [kg]
+    centre: np.ndarray  # of mass, in its own frame [m], (3,)
+    inertia: np.ndarray  # about the centre of mass, along its own frame's axes [kg·m²], (3, 3)
+    joint: str | None = None  # the joint's name; None is a weld
+    slides: bool = False  # whether the joint slides; else it turns
+    # a point of the axis in its own frame [m], (3,)
     anchor: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    # its direction in its own frame, (3,)
     axis: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
 

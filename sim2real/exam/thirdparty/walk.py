@@ -7,8 +7,6 @@ The commands (T, n) are those of a walk; legs, servos and bus are as in `rig`, f
 `ground`. Nothing measures where the base is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -35,38 +33,24 @@ WXYZ, AXES = "wxyz", "xyz"
 
 @dataclass(frozen=True)
 class Imu:
-    """The errors of an IMU.
+    """The errors of an IMU."""
 
-    Args:
-        mounting: how it is turned in its site's axes, a rotation vector [rad], (3,).
-        delay: age of its readings beyond the usual one [s].
-        bias: of its gyro [rad/s], (3,).
-    """
-
+    # how it is turned in its site's axes, a rotation vector [rad], (3,)
     mounting: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    delay: float = 0.0
-    bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    delay: float = 0.0  # age of its readings beyond the usual one [s]
+    bias: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of its gyro [rad/s], (3,)
 
 
 @dataclass(frozen=True)
 class Walk:
-    """A robot that can walk.
+    """A robot that can walk."""
 
-    Args:
-        rig: its bodies, joints and bus; the first body is free.
-        feet: what touches the ground.
-        height: of the base when it stands [m].
-        site: name of its IMU's site, whose axes are the base's.
-        friction: of its feet on the ground.
-        imu: what its IMU gets wrong.
-    """
-
-    rig: Rig
-    feet: Sequence[Foot]
-    height: float
-    site: str
-    friction: float
-    imu: Imu = field(default_factory=Imu)
+    rig: Rig  # its bodies, joints and bus; the first body is free
+    feet: Sequence[Foot]  # what touches the ground
+    height: float  # of the base when it stands [m]
+    site: str  # name of its IMU's site, whose axes are the base's
+    friction: float  # of its feet on the ground
+    imu: Imu = field(default_factory=Imu)  # what its IMU gets wrong
 
     def go(self, ctrl: np.ndarray, stamps: np.ndarray, seed: int) -> Log:
         """Return the log of one walk.

@@ -3,8 +3,6 @@
 found = method.fit(provider, prior, data)
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,19 +23,12 @@ Watch = Callable[[int, int, float | None], None]  # turns done, turns in all, be
 
 @dataclass(frozen=True)
 class FitContext:
-    """The context of a fit: its journal's folder, its observer and its seed.
+    """The context of a fit: its journal's folder, its observer and its seed."""
 
-    Args:
-        seed: all randomness follows from it.
-        folder: gets `journal.npz`; None keeps nothing.
-        resume: the folder of a run to go on from; None starts a new one.
-        watch: called after each turn.
-    """
-
-    seed: int = 0
-    folder: Path | None = None
-    resume: Path | None = None
-    watch: Watch = field(default=lambda done, total, best: None)
+    seed: int = 0  # all randomness follows from it
+    folder: Path | None = None  # gets `journal.npz`; None keeps nothing
+    resume: Path | None = None  # the folder of a run to go on from; None starts a new one
+    watch: Watch = field(default=lambda done, total, best: None)  # called after each turn
 
     def journal(self, score: Score | None = None) -> Journal:
         """Return the fit's journal, that of the resumed run read."""

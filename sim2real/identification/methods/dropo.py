@@ -10,8 +10,6 @@ for; it is the spread of the robot, all else that differs included. How well it 
 said.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

@@ -8,8 +8,6 @@ transitions takes the critic's place, and any search the strategy's. The distrib
 generation's: a population that follows the data, no posterior.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -9,8 +9,6 @@ those fits is split into the robot's own spread and their uncertainty, and direc
 say nothing of keep the width of the prior.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any, NamedTuple
 

@@ -9,8 +9,6 @@ two episodes; where the prior is so wide that errors are no longer smooth in it,
 `identify=cma`.
 """
 
-from __future__ import annotations
-
 import logging
 from dataclasses import replace
 from typing import Any, Literal

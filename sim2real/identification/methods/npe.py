@@ -10,8 +10,6 @@ own summary is that of zeros. The posterior says how well one set of values for 
 known; a spread between episodes it does not say.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from dataclasses import replace

@@ -10,8 +10,6 @@ nothing stay as wide as they were. The answer is the last round's. Each round ha
 own, so that a run that was stopped goes on within the round.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterator
 from dataclasses import replace

@@ -4,8 +4,6 @@ provider = replay(data, effects, rows=None)     # the diagnosis's windows: needs
 provider = replay(data, effects, rows=1)        # one row on: needs the state at every row
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -9,8 +9,6 @@ Readings are divided by how much they change in a row, so that an error of 1 is 
 that stands still.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

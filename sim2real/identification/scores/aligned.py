@@ -1,7 +1,5 @@
 """Scores of simulations that belong to the measured rows, (W, T, M) and (n, W, T, M)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sim2real.diagnosis.settings import TINY_SQUARE

@@ -6,8 +6,6 @@
 is the horizon of an aligned score: rows after each measured state, or None for whole windows.
 """
 
-from __future__ import annotations
-
 from typing import Any, Protocol
 
 import numpy as np

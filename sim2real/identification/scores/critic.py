@@ -8,8 +8,6 @@ code): inputs as they are, weights clipped to 0.01. `gp` standardizes observatio
 and takes a gradient penalty (Gulrajani et al. 2017) instead of clipping.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any, Literal
 

@@ -3,8 +3,6 @@
 Columns are divided by their deviation in the real data, so that no unit counts more than another.
 """
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 
 import numpy as np
@@ -122,11 +120,7 @@ class Embedding(StatelessScore):
     rows = None
 
     def __init__(
-        self,
-        features: int = 300,
-        width: float = 1.0,
-        ridge: float = 1e-3,
-        compared: int = 300,
+        self, features: int = 300, width: float = 1.0, ridge: float = 1e-3, compared: int = 300
     ) -> None:
         if features < 1 or not width > 0 or not ridge > 0 or compared < 2:
             raise Sim2RealError(

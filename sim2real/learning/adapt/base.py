@@ -245,12 +245,18 @@ class Session:
         Raises:
             Sim2RealError: when the adaptation is done, or for a value that is not finite.
         """
+        self._check(value)
+        self._cohort.tell(np.array([0]), np.array([len(self._values)]), np.array([value]))
+        self._values.append(float(value))
+
+    def _check(self, *told: Any) -> None:
+        """Raise Sim2RealError where no more is asked, or for numbers that are not finite."""
         if self.episodes_left == 0:
             raise Sim2RealError(
                 f"adaptation: all {self._operator.episodes} episodes have been reported"
             )
-        self._cohort.tell(np.array([0]), np.array([len(self._values)]), np.array([value]))
-        self._values.append(float(value))
+        if not all(np.isfinite(numbers).all() for numbers in told):
+            raise Sim2RealError("adaptation: returns and steps must be finite numbers")
 
     def state_dict(self) -> dict[str, Any]:
         """Return the start, the perturbations and the returns so far, as tensors."""

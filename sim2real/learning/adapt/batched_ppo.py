@@ -11,8 +11,6 @@ behind them the critic's. One member's update is that of `torchrl.objectives.Cli
 equation 16), which a test holds it against; `torch.func.vmap` makes it that of all members.
 """
 
-from __future__ import annotations
-
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -56,30 +54,19 @@ class Samples(NamedTuple):
 class ClippedSettings:
     """The settings of a member's update in a round.
 
-    Args:
-        epochs: passes over the steps.
-        minibatch_size: steps of a gradient step; the last of a pass has what is left.
-        learning_rate: of Adam.
-        eps: what Adam adds to the root of the second moment.
-        clip_epsilon: how far the ratio of probabilities may leave 1.
-        critic_coeff: weight of the critic's squared error.
-        gamma: discount of a step.
-        lmbda: 0 trusts the critic, 1 the returns.
-        max_grad_norm: norm that a member's gradient is cut to.
-
     Raises:
         Sim2RealError: for values out of range.
     """
 
-    epochs: int
-    minibatch_size: int
-    learning_rate: float
-    eps: float
-    clip_epsilon: float
-    critic_coeff: float
-    gamma: float
-    lmbda: float
-    max_grad_norm: float
+    epochs: int  # passes over the steps
+    minibatch_size: int  # steps of a gradient step; the last of a pass has what is left
+    learning_rate: float  # of Adam
+    eps: float  # what Adam adds to the root of the second moment
+    clip_epsilon: float  # how far the ratio of probabilities may leave 1
+    critic_coeff: float  # weight of the critic's squared error
+    gamma: float  # discount of a step
+    lmbda: float  # 0 trusts the critic, 1 the returns
+    max_grad_norm: float  # norm that a member's gradient is cut to
 
     def __post_init__(self) -> None:
         for name in ("epochs", "minibatch_size"):

@@ -4,8 +4,6 @@ Song et al. 2020, "ES-MAML: Simple Hessian-free meta learning", with the joint n
 released code.
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

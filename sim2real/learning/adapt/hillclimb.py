@@ -1,7 +1,5 @@
 """Hill climbing: try a perturbed policy, keep it if it did better (Song et al. 2020)."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

@@ -1,6 +1,6 @@
 """Identification: estimate the robot's parameters and condition the policy on them.
 
-    operator = Identify(episodes=3, last=3, find=find).within(trained.environment)
+    operator = Identify(episodes=3, last=3, find=find).bind_environment(trained.environment)
     session = operator.start(theta, rng)
     while (candidate := session.ask()) is not None:  # theta, then the assumed context
         value, log = run_one_episode(candidate)
@@ -146,16 +146,12 @@ class IdentifySession(Session):
     def __init__(self, operator: Identify, theta: np.ndarray, seed: int) -> None:
         if operator.context_spec is None:
             raise Sim2RealError("adapt=identify: call bind_environment(environment) before start")
-        self._recipe, self._spec = operator, operator.context_spec
+        self._operator = self._recipe = operator
+        self._spec = operator.context_spec
         self._theta, self._seed = np.array(theta, np.float32), seed
         self._values: list[float] = []
         self._logs: list[Log] = []
         self._found: list[np.ndarray] = []
-
-    @property
-    def episodes_left(self) -> int:
-        """Episodes still to be run."""
-        return self._recipe.episodes - len(self._values)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -196,12 +192,7 @@ class IdentifySession(Session):
             Sim2RealError: when the adaptation is done, for a value that is not finite, for an
                 episode without a log, or one that the identification refuses.
         """
-        if self.episodes_left == 0:
-            raise Sim2RealError(
-                f"adaptation: all {self._recipe.episodes} episodes have been reported"
-            )
-        if not np.isfinite(value):
-            raise Sim2RealError(f"adaptation: returns must be finite numbers, got {value}")
+        self._check(value)
         if log is None:
             raise Sim2RealError(
                 f"adaptation: the return {value:.4g} came without a log, and adapt=identify finds "

@@ -7,8 +7,6 @@ al. 2020, "Learning fast adaptation with meta strategy optimization", who search
 too; here training is evolution strategies over all parameters.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

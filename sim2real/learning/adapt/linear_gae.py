@@ -8,8 +8,6 @@ After Duan et al. 2016, "Benchmarking deep reinforcement learning for continuous
 whole or end at step T, where nothing follows; so a policy that has a few of them needs no critic.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import torch
@@ -25,18 +23,13 @@ TINY = 1e-8  # added to the deviation that advantages are divided by
 class LinearGAE:
     """Generalized advantages (Schulman et al. 2016), a baseline for each task.
 
-    Args:
-        gamma: discount of a step.
-        lmbda: 0 trusts the baseline, 1 the returns.
-        ridge: what is added to the diagonal of the baseline's normal equations.
-
     Raises:
         Sim2RealError: for values out of range.
     """
 
-    gamma: float
-    lmbda: float
-    ridge: float
+    gamma: float  # discount of a step
+    lmbda: float  # 0 trusts the baseline, 1 the returns
+    ridge: float  # what is added to the diagonal of the baseline's normal equations
 
     def __post_init__(self) -> None:
         if not 0 <= self.gamma <= 1 or not 0 <= self.lmbda <= 1 or not self.ridge > 0:

@@ -1,7 +1,7 @@
 """Adaptation by one policy gradient from whole episodes, as MAML adapts (Finn et al. 2017).
 
     operator = PolicyGradient(trajectories=20, rate=0.1, surrogate="likelihood", advantage=judge)
-    session = operator.of(trained.actor(theta)).start(theta, rng)
+    session = operator.bind_policy(trained.actor(theta)).start(theta, rng)
     while (candidate := session.ask()) is not None:
         session.tell(value, steps)                  # of an episode whose actions were drawn
     adapted = session.result                        # theta + rate * gradient of the return
@@ -45,25 +45,19 @@ class TransitionBatch(NamedTuple):
 class PolicyGradient(Adaptation):
     """theta - rate * gradient of the loss of K episodes.
 
-    Args:
-        trajectories: K, episodes of an adaptation.
-        rate: step size.
-        surrogate: what is differentiated, with one and the same gradient where the episodes were
-            drawn: "likelihood", log pi A (REINFORCE, Williams 1992), or "ratio", pi / pi_old A,
-            whose second derivatives vary less between samples (Rothfuss et al. 2019, "ProMP").
-        advantage: what actions are judged by.
-        law: of the policy that adapts; see `bind_policy`.
-
     Raises:
         Sim2RealError: for values out of range.
     """
 
     explores: ClassVar[bool] = True
-    trajectories: int
-    rate: float
+    trajectories: int  # K, episodes of an adaptation
+    rate: float  # step size
+    # what is differentiated, with one and the same gradient where the episodes were drawn:
+    # "likelihood", log pi A (REINFORCE, Williams 1992), or "ratio", pi / pi_old A, whose second
+    # derivatives vary less between samples (Rothfuss et al. 2019, "ProMP").
     surrogate: Literal["likelihood", "ratio"]
-    advantage: LinearGAE
-    law: FunctionalActor | None = None
+    advantage: LinearGAE  # what actions are judged by
+    law: FunctionalActor | None = None  # of the policy that adapts; see `bind_policy`
 
     def __post_init__(self) -> None:
         if self.trajectories < 1 or not self.rate > 0:
@@ -108,7 +102,7 @@ class PolicyGradient(Adaptation):
         """
         if self.law is None:
             raise Sim2RealError(
-                "adapt=policy_gradient: say which policy adapts, by operator.of(actor)"
+                "adapt=policy_gradient: say which policy adapts, by bind_policy(actor)"
             )
         return PolicyGradientSession(self, self.law, theta)
 

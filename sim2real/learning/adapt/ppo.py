@@ -1,7 +1,8 @@
 """Adaptation by PPO: a few rounds of clipped updates of actor and critic (Schulman et al. 2017).
 
     operator = PPOAdaptation(rounds=6, steps=512, epochs=4, minibatch_size=64, ...)
-    session = operator.of(trained.actor(theta), trained.critic).start(theta, rng)
+    policy = trained.actor(theta), trained.critic
+    session = operator.bind_policy(*policy).start(theta, rng)
     while (candidate := session.ask()) is not None:
         session.tell(value, steps)                  # of an episode whose actions were drawn
     adapted = session.result                        # the actor's parameters
@@ -36,26 +37,18 @@ from sim2real.runs.errors import Sim2RealError
 class PPOAdaptation(ClippedSettings, Adaptation):
     """R rounds of PPO with a separate Adam, which restarts in each adaptation.
 
-    Args:
-        rounds: R; on a robot as many episodes.
-        steps: S, control steps of a round in a population, where episodes that end begin again.
-        law: of the policy that adapts; see `bind_policy`.
-        value: of its critic.
-        critic: the critic's parameters, (C,).
-        unit: what rewards are divided by before they are valued.
-
     Raises:
         Sim2RealError: for values out of range.
     """
 
     explores: ClassVar[bool] = True
     needs_critic: ClassVar[bool] = True
-    rounds: int
-    steps: int
-    law: FunctionalActor | None = None
-    value: FunctionalCritic | None = None
-    critic: torch.Tensor | None = None
-    unit: float = 1.0
+    rounds: int  # R; on a robot as many episodes
+    steps: int  # S, control steps of a round in a population, where episodes that end begin again
+    law: FunctionalActor | None = None  # of the policy that adapts; see `bind_policy`
+    value: FunctionalCritic | None = None  # of its critic
+    critic: torch.Tensor | None = None  # the critic's parameters, (C,)
+    unit: float = 1.0  # what rewards are divided by before they are valued
 
     def __post_init__(self) -> None:
         ClippedSettings.__post_init__(self)
@@ -101,7 +94,7 @@ class PPOAdaptation(ClippedSettings, Adaptation):
         Raises Sim2RealError before `bind_policy`.
         """
         if self.law is None or self.value is None or self.critic is None:
-            raise Sim2RealError("adapt=ppo: say which policy adapts, by operator.of(actor, critic)")
+            raise Sim2RealError("adapt=ppo: say which policy adapts, by bind_policy(actor, critic)")
         return self.law, self.value, self.critic
 
     def start(self, theta: np.ndarray, rng: np.random.Generator) -> PPOSession:

@@ -5,8 +5,6 @@
 Reported episodes are kept, and a session that is loaded receives the same ones again.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from typing import Any
 
@@ -60,18 +58,12 @@ class StepsSession(Session):
             Sim2RealError: when the adaptation is done, without steps, or for values that are not
                 finite.
         """
-        if self.episodes_left == 0:
-            raise Sim2RealError(
-                f"adaptation: all {self._operator.episodes} episodes have been reported"
-            )
+        self._check(value, *(x for x in steps or () if x is not None))
         if steps is None:
             raise Sim2RealError(
                 f"adaptation: {self._operator} needs each episode's steps as well as its return; "
                 "give tell(value, steps)"
             )
-        numbers = (value, *(x for x in steps if x is not None))
-        if not all(np.isfinite(x).all() for x in numbers):
-            raise Sim2RealError("adaptation: returns and steps must be finite numbers")
         self._values.append(float(value))
         self._steps.append(steps)
         self._digest()

@@ -30,31 +30,20 @@ from sim2real.runs.errors import Sim2RealError
 
 @dataclass(frozen=True)
 class Components:
-    """The components of an algorithm.
+    """The components of an algorithm."""
 
-    Args:
-        environment: makes the worlds of training and evaluation.
-        policy: makes the policy; of what, the algorithm says.
-        seed: all randomness of a run follows from it.
-        adapt: how the policy adapts.
-        collector: makes what gathers experience, as `torchrl.collectors.Collector` is made.
-        advantage: makes the estimator of advantages, as `torchrl.objectives.value.GAE` is made.
-        loss: makes the loss from the policy's networks.
-        buffer: makes the buffer that minibatches are drawn from.
-        optimizer: makes the optimizer from parameters.
-        device: where networks are.
-    """
-
-    environment: EnvironmentFactory
-    policy: Callable[..., Any]
-    seed: int = 0
-    adapt: Adaptation = field(default_factory=NoAdaptation)
+    environment: EnvironmentFactory  # makes the worlds of training and evaluation
+    policy: Callable[..., Any]  # makes the policy; of what, the algorithm says
+    seed: int = 0  # all randomness of a run follows from it
+    adapt: Adaptation = field(default_factory=NoAdaptation)  # how the policy adapts
+    # makes what gathers experience, as `torchrl.collectors.Collector` is made
     collector: Callable[..., Any] | None = None
+    # makes the estimator of advantages, as `torchrl.objectives.value.GAE` is made
     advantage: Callable[..., Any] | None = None
-    loss: Callable[..., Any] | None = None
-    buffer: Callable[..., Any] | None = None
-    optimizer: Callable[..., Any] | None = None
-    device: str = "cpu"
+    loss: Callable[..., Any] | None = None  # makes the loss from the policy's networks
+    buffer: Callable[..., Any] | None = None  # makes the buffer that minibatches are drawn from
+    optimizer: Callable[..., Any] | None = None  # makes the optimizer from parameters
+    device: str = "cpu"  # where networks are
 
     @property
     def tasks(self) -> Tasks:

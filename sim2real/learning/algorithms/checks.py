@@ -1,7 +1,5 @@
 """Checks of algorithms' settings, with a sentence for each violation."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import Any
 

@@ -4,8 +4,6 @@ collecting = ResumableCollector(parts, env, actor, frames_per_batch=2048)
 data = collecting.next()                        # (N, T), as TorchRL's collectors deliver it
 """
 
-from __future__ import annotations
-
 import atexit
 import logging
 import weakref

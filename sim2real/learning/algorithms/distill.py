@@ -9,8 +9,6 @@ so that the student learns from the states that its own estimates lead to. Its t
 parameters, normalized as the teacher receives them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import replace

@@ -25,6 +25,7 @@ from torch import nn
 from sim2real.learning.adapt import Adaptation, NoAdaptation
 from sim2real.learning.adapt.first_order import FirstOrder, FirstOrderCohort
 from sim2real.learning.algorithms.base import Algorithm, Components
+from sim2real.learning.algorithms.checks import check_same_policy
 from sim2real.learning.algorithms.shards import make_shards
 from sim2real.learning.modules.normalizer import Normalizer
 from sim2real.learning.modules.randomness import TorchRandomStream
@@ -46,17 +47,11 @@ from sim2real.runs.errors import CheckpointError, Sim2RealError
 
 @dataclass(frozen=True, kw_only=True)
 class RowsSettings:
-    """The layout of parallel episodes; it changes the speed, not the results.
+    """The layout of parallel episodes; it changes the speed, not the results."""
 
-    Args:
-        num_rows: episodes that run side by side, in all shards.
-        shards: environments that share the cores; None chooses, see `make_shards`.
-        refill: see `Population`.
-    """
-
-    num_rows: int
-    shards: int | None
-    refill: int
+    num_rows: int  # episodes that run side by side, in all shards
+    shards: int | None  # environments that share the cores; None chooses, see `make_shards`
+    refill: int  # see `Population`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -335,11 +330,7 @@ class ESMAML(Algorithm):
         Raises:
             CheckpointError: for a state of another policy or another normalization.
         """
-        if dict(state["policy"]) != self.policy.shape:
-            raise CheckpointError(
-                f"checkpoint: its policy is {dict(state['policy'])}, this run's is "
-                f"{self.policy.shape}; give the run the checkpoint's env and policy"
-            )
+        check_same_policy(state["policy"], self.policy.shape)
         if (state["normalizer"] is None) != (self.normalizer is None):
             raise CheckpointError(
                 "checkpoint: normalize_observations differs between the checkpoint and this run; "

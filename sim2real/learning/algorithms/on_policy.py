@@ -7,31 +7,23 @@ One iteration takes `steps` steps in each of `num_rows` rows, estimates advantag
 it to `_learn`. Each part is TorchRL's, or any with its interface.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Iterator
-from copy import deepcopy
 from typing import Any
 
 import torch
 from tensordict import TensorDictBase
 
-from sim2real.learning.algorithms.base import Algorithm, Components
-from sim2real.learning.algorithms.checks import (
-    check_at_least,
-    check_finite,
-    check_loss,
-    check_same_policy,
-)
+from sim2real.learning.algorithms.base import Components
+from sim2real.learning.algorithms.checks import check_at_least, check_finite, check_loss
 from sim2real.learning.algorithms.collecting import ResumableCollector
+from sim2real.learning.algorithms.resumable import CollectingAlgorithm
 from sim2real.learning.modules.actor_critic import Policy, check_policy
 from sim2real.learning.modules.randomness import TorchRandomStream
-from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 
 
-class OnPolicy(Algorithm):
+class OnPolicy(CollectingAlgorithm):
     """Gathers experience, estimates its advantages, and keeps what a resume needs.
 
     A subclass makes `_optimizer`.
@@ -123,39 +115,6 @@ class OnPolicy(Algorithm):
         return [*keys, *self.policy.actor.in_keys, *self._critic.in_keys]
 
     @property
-    def shape(self) -> dict[str, Any]:
-        """The shape of each parameter."""
-        return {name: list(p.shape) for name, p in self.policy.named_parameters()}
-
-    def trained(self) -> TrainedPolicy:
-        """Return the present actor."""
-        return self.collecting.trained(self.policy, self.frames)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return all that the next iterations depend on."""
-        return {
-            "policy": self.shape,
-            "networks": {k: v.detach().clone() for k, v in self.policy.state_dict().items()},
-            "optimizer": deepcopy(self._optimizer.state_dict()),
-            "collecting": self.collecting.state_dict(),
-            "random": [one.clone() for one in self._randomness.state],
-            "counts": (self.frames, self.iteration),
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take over a state that `state_dict` returned.
-
-        Raises:
-            CheckpointError: for a state of another policy, other transforms or other rows.
-        """
-        check_same_policy(state["policy"], self.shape)
-        self.collecting.load_state_dict(state["collecting"])
-        self.policy.load_state_dict(state["networks"])
-        self._optimizer.load_state_dict(deepcopy(state["optimizer"]))
-        self._randomness.state = [one.clone() for one in state["random"]]
-        self.frames, self.iteration = state["counts"]
-
-    @property
     def name(self) -> str:
         """The name of its configuration, such as "ppo"."""
         return type(self).__name__.lower()
@@ -165,17 +124,6 @@ class OnPolicy(Algorithm):
             kind = type(policy).__name__
             raise _refused(f"algorithm={self.name} trains an actor and a critic, {kind} is none")
         return policy
-
-    def load_policy(self, state: dict[str, Any]) -> None:
-        """Take over the policy alone, to act and not to go on training.
-
-        Raises:
-            CheckpointError: for a state of another policy or other transforms.
-        """
-        check_same_policy(state["policy"], self.shape)
-        self.collecting.load_statistics(state["collecting"])
-        self.policy.load_state_dict(state["networks"])
-        self.frames, self.iteration = state["counts"]
 
 
 def _refused(why: str) -> Sim2RealError:

@@ -11,9 +11,6 @@ returns, differentiated through the adaptation. With `ClippedSteps` and a surrog
 ProMP (Rothfuss et al. 2019).
 """
 
-from __future__ import annotations
-
-from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -25,9 +22,10 @@ from tensordict import TensorDictBase
 from envs.torch_env import RowsEnv
 from sim2real.learning.adapt import PolicyGradient
 from sim2real.learning.adapt.policy_gradient import TransitionBatch
-from sim2real.learning.algorithms.base import Algorithm, Components
-from sim2real.learning.algorithms.checks import check_at_least, check_finite, check_same_policy
+from sim2real.learning.algorithms.base import Components
+from sim2real.learning.algorithms.checks import check_at_least, check_finite
 from sim2real.learning.algorithms.collecting import ResumableCollector
+from sim2real.learning.algorithms.resumable import CollectingAlgorithm
 from sim2real.learning.collectors.by_task import TaskActor, TaskBatch, check_batch
 from sim2real.learning.losses.meta import MetaObjective
 from sim2real.learning.modules.actor_critic import Policy, check_policy
@@ -36,13 +34,12 @@ from sim2real.learning.modules.randomness import TorchRandomStream
 from sim2real.learning.optimizers.clipped import ClippedSteps
 from sim2real.learning.optimizers.natural import NaturalStep, StepResult
 from sim2real.learning.population.gradient_adaptation import adapt_to
-from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
 
 
-class PGMAML(Algorithm):
+class PGMAML(CollectingAlgorithm):
     """Meta-learns an actor that adapts by a policy gradient.
 
     Args:
@@ -193,60 +190,12 @@ class PGMAML(Algorithm):
         weight = torch.full_like(advantage, 1 / count)
         return TransitionBatch(seen, action, log_prob, advantage, weight)
 
-    @property
-    def shape(self) -> dict[str, Any]:
-        """The shape of each parameter."""
-        return {name: list(p.shape) for name, p in self.policy.named_parameters()}
-
-    def trained(self) -> TrainedPolicy:
-        """Return the present actor."""
-        return self.collecting.trained(self.policy, self.frames)
-
     def adapted(self, values: np.ndarray, rng: np.random.Generator) -> np.ndarray | None:
         """Return the parameters that the policy adapts to on a robot; None if it does not adapt."""
         adapt = self.parts.adapt
         if not isinstance(adapt, PolicyGradient):
             return None
         return adapt_to(self.trained(), adapt, values[None], rng)[0][0]
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return all that the next iterations depend on."""
-        made = self._optimizer
-        return {
-            "policy": self.shape,
-            "networks": {k: v.detach().clone() for k, v in self.policy.state_dict().items()},
-            "optimizer": None if made is None else deepcopy(made.state_dict()),
-            "collecting": self.collecting.state_dict(),
-            "random": [one.clone() for one in self._randomness.state],
-            "counts": (self.frames, self.iteration),
-        }
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take over a state that `state_dict` returned.
-
-        Raises:
-            CheckpointError: for a state of another policy, other transforms or other rows.
-        """
-        check_same_policy(state["policy"], self.shape)
-        self.collecting.load_state_dict(state["collecting"])
-        self._load(state)
-        if self._optimizer is not None:
-            self._optimizer.load_state_dict(deepcopy(state["optimizer"]))
-        self._randomness.state = [one.clone() for one in state["random"]]
-
-    def load_policy(self, state: dict[str, Any]) -> None:
-        """Take over the policy alone, to act and not to go on training.
-
-        Raises:
-            CheckpointError: for a state of another policy or other transforms.
-        """
-        check_same_policy(state["policy"], self.shape)
-        self.collecting.load_statistics(state["collecting"])
-        self._load(state)
-
-    def _load(self, state: dict[str, Any]) -> None:
-        self.policy.load_state_dict(state["networks"])
-        self.frames, self.iteration = state["counts"]
 
 
 def _made(policy: Any) -> Policy:

@@ -11,8 +11,6 @@ the samples in minibatches for some epochs. Each part is TorchRL's, or any with 
 episode that the time limit cuts off goes on in its value; one that the task ends does not.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import torch

@@ -1,7 +1,5 @@
 """Returns and lengths of the episodes in batches of steps, whatever was done to their rewards."""
 
-from __future__ import annotations
-
 from collections import deque
 from typing import Any
 

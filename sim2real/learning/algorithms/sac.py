@@ -11,9 +11,6 @@ many gradient steps as are due. Each part is TorchRL's, or any with its interfac
 the time limit cuts off goes on in its value; one that the task ends does not.
 """
 
-from __future__ import annotations
-
-from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -22,25 +19,24 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torchrl.objectives import SoftUpdate
 
-from sim2real.learning.algorithms.base import Algorithm, Components
+from sim2real.learning.algorithms.base import Components
 from sim2real.learning.algorithms.checks import (
     check_at_least,
     check_finite,
     check_fraction,
     check_loss,
-    check_same_policy,
 )
 from sim2real.learning.algorithms.collecting import ResumableCollector
+from sim2real.learning.algorithms.resumable import CollectingAlgorithm
 from sim2real.learning.modules.actor_critic import check_policy
 from sim2real.learning.modules.randomness import TorchRandomStream
 from sim2real.learning.modules.soft_actor_critic import SoftPolicy
-from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
 
 Tensor = torch.Tensor
 
 
-class SAC(Algorithm):
+class SAC(CollectingAlgorithm):
     """Trains an actor and critics on all that was ever seen.
 
     Args:
@@ -58,6 +54,8 @@ class SAC(Algorithm):
     """
 
     uses = frozenset({"collector", "loss", "buffer", "optimizer"})
+    counts = ("frames", "iteration", "updates")
+    _optimizer: torch.optim.Optimizer
 
     def __init__(
         self,
@@ -141,58 +139,25 @@ class SAC(Algorithm):
         """The shape of each parameter."""
         return {name: list(p.shape) for name, p in self._loss.named_parameters()}
 
-    def trained(self) -> TrainedPolicy:
-        """Return the present actor."""
-        return self.collecting.trained(self.policy, self.frames)
-
     def _networks(self) -> dict[str, Tensor]:
         """Return the parameters, those of the target among them, by name."""
         return dict([*self._loss.named_parameters(), *self._loss.named_buffers()])
 
     def state_dict(self) -> dict[str, Any]:
-        """Return all that the next iterations depend on."""
+        """Return all that the next iterations depend on, the buffer included."""
         return {
-            "policy": self.shape,
-            "networks": {name: p.detach().clone() for name, p in self._networks().items()},
-            "optimizer": deepcopy(self._optimizer.state_dict()),
+            **super().state_dict(),
             "samples": self._buffer[:].clone().to_dict() if len(self._buffer) else {},
             "writer": dict(self._buffer.writer.state_dict()),
-            "collecting": self.collecting.state_dict(),
-            "random": [one.clone() for one in self._randomness.state],
-            "counts": (self.frames, self.iteration, self.updates),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take over a state that `state_dict` returned.
-
-        Raises:
-            CheckpointError: for a state of another policy, other transforms or other rows.
-        """
-        check_same_policy(state["policy"], self.shape)
-        self.collecting.load_state_dict(state["collecting"])
-        self._load_networks(state)
-        self._optimizer.load_state_dict(deepcopy(state["optimizer"]))
+        """Take over a state; raises as the base class does."""
+        super().load_state_dict(state)
         self._buffer.empty()
         if state["samples"]:
             self._buffer.extend(TensorDict(state["samples"]).auto_batch_size_(1))
         self._buffer.writer.load_state_dict(state["writer"])
-        self._randomness.state = [one.clone() for one in state["random"]]
-
-    def load_policy(self, state: dict[str, Any]) -> None:
-        """Take over the networks alone, to act and not to go on training.
-
-        Raises:
-            CheckpointError: for a state of another policy or other transforms.
-        """
-        check_same_policy(state["policy"], self.shape)
-        self.collecting.load_statistics(state["collecting"])
-        self._load_networks(state)
-
-    @torch.no_grad()
-    def _load_networks(self, state: dict[str, Any]) -> None:
-        for name, own in self._networks().items():
-            own.copy_(state["networks"][name])
-        self.frames, self.iteration, self.updates = state["counts"]
 
 
 def _made(policy: Any) -> SoftPolicy:

@@ -4,8 +4,6 @@ rows = make_shards(environment, num_rows=256)       # as is fastest on as many c
 population = Population(rows, policy)
 """
 
-from __future__ import annotations
-
 import logging
 
 import psutil

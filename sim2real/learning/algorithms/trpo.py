@@ -12,8 +12,6 @@ minibatches, for some epochs, by the optimizer. The loss says what the actor cli
 critic is fitted to; any with TorchRL's entries "loss_objective" and "loss_critic" will do.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import torch

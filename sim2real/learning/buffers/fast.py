@@ -12,8 +12,6 @@ gathers every entry of every minibatch by itself. What is written while an epoch
 the next one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

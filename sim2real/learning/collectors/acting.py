@@ -7,8 +7,6 @@ For small networks `TensorDictModule`, the distribution and its checks cost seve
 layers do. The numbers are the same to the last bit, those drawn included.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import Any

@@ -9,8 +9,6 @@
 environment draws its robots again (`RowsEnv.randomize`).
 """
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import numpy as np

@@ -9,8 +9,6 @@ calls what does something, the policy, the world and its transforms, and keeps w
 The episodes in progress stand where `Collector` has them, in `_carrier` and in the environment.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -9,8 +9,6 @@ draw their actions from separate seeds, so that a seed gets the same batches aga
 than in one process.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 from typing import Any

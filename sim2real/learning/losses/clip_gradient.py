@@ -7,8 +7,6 @@
 is NumPy on the memory of torch's tensors: in a minibatch of 64 a call costs more than its work.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple

@@ -3,8 +3,6 @@
 loss=clip_ppo_compiled                          # on the command line
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -15,8 +15,6 @@ So `forward` computes the gradient along with the losses, in NumPy, and autograd
 On another device than the CPU `ClipPPOLoss` itself computes.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

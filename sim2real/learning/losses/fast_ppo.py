@@ -4,8 +4,6 @@ loss = FastPPOLoss(actor, critic, loss_critic_type="l2")
 losses = loss(minibatch)                          # loss_objective = -mean(r A), loss_critic, ...
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

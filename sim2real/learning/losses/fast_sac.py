@@ -16,8 +16,6 @@ It draws as `SACLoss` does: after the same seed both get the same actions. On an
 the CPU `SACLoss` itself computes.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -59,12 +57,7 @@ class FastSACLoss(SACLoss):
             have; `SACLoss` takes those.
     """
 
-    def __init__(
-        self,
-        actor_network: Any,
-        qvalue_network: Any,
-        **options: Any,
-    ) -> None:
+    def __init__(self, actor_network: Any, qvalue_network: Any, **options: Any) -> None:
         if options.pop("value_network", None) is not None:
             _refuse("value_network (the first version of SAC)")
         for name, value in options.items():

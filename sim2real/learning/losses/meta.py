@@ -13,8 +13,6 @@ that adaptation in task T leads to from theta, the objective is the mean over ta
 and the divergence the mean of KL(theta_T || theta_T of the start).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import torch

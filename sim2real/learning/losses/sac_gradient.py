@@ -9,8 +9,6 @@ taken and drawn actions through each critic. What the actor's loss would do to t
 parameters is never computed. All of it is NumPy on the memory of torch's tensors; see `ArrayMLP`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple

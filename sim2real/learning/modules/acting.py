@@ -1,7 +1,5 @@
 """Deterministic policies of raw observations: as a torch module, and as TorchRL steps with it."""
 
-from __future__ import annotations
-
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -43,7 +41,7 @@ class Actor(nn.Module):
         std: what it divides by, (O,).
         low: the actions' lower limits, (A,).
         high: the actions' upper limits, (A,).
-        squash: "clip" cuts actions at the limits; "tanh" squashes into them.
+        squash: "clip" cuts actions at the limits, "tanh" squashes into them, "none" leaves them.
     """
 
     observation_mean: Tensor
@@ -58,7 +56,7 @@ class Actor(nn.Module):
         std: np.ndarray,
         low: np.ndarray,
         high: np.ndarray,
-        squash: Literal["clip", "tanh"] = "clip",
+        squash: Literal["clip", "tanh", "none"] = "clip",
     ) -> None:
         super().__init__()
         self.network, self.squash = network, squash
@@ -78,5 +76,7 @@ class Actor(nn.Module):
         if self.squash == "tanh":
             middle, half = self.action_high + self.action_low, self.action_high - self.action_low
             return ((middle + half * torch.tanh(x)) / 2).to(torch.float32)
+        if self.squash == "none":
+            return x
         low, high = self.action_low.to(x.dtype), self.action_high.to(x.dtype)
         return torch.minimum(torch.maximum(x, low), high)

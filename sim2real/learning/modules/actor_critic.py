@@ -10,8 +10,6 @@ Sizes come from the environment's specs. A network is any class that takes `in_f
 as `torchrl.modules.ConvNet`; a memory is made like `torchrl.modules.GRUModule`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, Literal
 

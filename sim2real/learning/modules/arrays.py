@@ -9,8 +9,6 @@ For networks of reinforcement learning on the CPU NumPy is faster than torch: a 
 and OpenBLAS multiplies the layers of 64 and of 256 faster than the MKL of torch's wheels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

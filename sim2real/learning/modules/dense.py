@@ -7,8 +7,6 @@ What calls such a network without TorchRL's and autograd's machinery needs its l
 most where they lie side by side. A network with anything else in it is refused, never guessed at.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, pairwise

@@ -7,8 +7,6 @@ A network of reinforcement learning is a dozen small tensors. What an optimizer 
 to each of them costs more to call than to do, so that one call for all is several times faster.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

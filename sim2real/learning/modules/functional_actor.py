@@ -9,19 +9,13 @@ Modules of tensordicts and losses that hold parameters fight nested differentiat
 one vector (P,) to tensors does not. The vector holds the actor's parameters in their order.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.nn import (
-    ProbabilisticTensorDictModule,
-    TensorDictModule,
-    TensorDictSequential,
-)
+from tensordict.nn import ProbabilisticTensorDictModule, TensorDictModule, TensorDictSequential
 from torch import nn
 from torch.func import functional_call, vjp
 from torchrl.modules import IndependentNormal

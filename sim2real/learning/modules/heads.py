@@ -1,7 +1,5 @@
 """Heads, which turn a network's output into the parameters of a distribution."""
 
-from __future__ import annotations
-
 import torch
 from torch import nn
 

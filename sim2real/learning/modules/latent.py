@@ -8,17 +8,15 @@ itself. Training moves all of them; `LatentSearch` adapts z alone: few dimension
 turn into ways to act (Yu et al. 2020, "Learning fast adaptation with meta strategy optimization").
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 from torchrl.envs import TransformedEnv
 
+from sim2real.learning.modules.acting import Actor
 from sim2real.learning.modules.mlp_policy import (
     MLPPolicy,
     MLPPolicyBatch,
-    PolicyModule,
     action_limits,
     observation_size,
 )
@@ -90,7 +88,7 @@ class LatentPolicy(MLPPolicy):
         """Make room for `num_rows` parameter vectors that act side by side."""
         return _LatentSlots(self, num_rows)
 
-    def module(self, theta: np.ndarray, mean: np.ndarray, std: np.ndarray) -> PolicyModule:
+    def module(self, theta: np.ndarray, mean: np.ndarray, std: np.ndarray) -> Actor:
         """Build the same function as a torch module of raw observations; see `MLPPolicy`."""
         plain = self.plain(np.asarray(theta, np.float32)[None])[0]
         return self._network.module(plain, mean, std)

@@ -24,7 +24,7 @@ from torchrl.data import Unbounded
 from torchrl.envs import EnvBase, Transform, TransformedEnv
 
 from envs.torch_env import RowsEnv
-from sim2real.learning.modules.acting import Acting
+from sim2real.learning.modules.acting import Acting, Actor
 from sim2real.runs.errors import Sim2RealError
 
 Activation = Literal["tanh", "relu"]
@@ -156,7 +156,7 @@ class MLPPolicy:
         """Make room for `num_rows` parameter vectors that act side by side."""
         return MLPPolicyBatch(self, num_rows)
 
-    def module(self, theta: np.ndarray, mean: np.ndarray, std: np.ndarray) -> PolicyModule:
+    def module(self, theta: np.ndarray, mean: np.ndarray, std: np.ndarray) -> Actor:
         """Build the same function as a torch module of raw observations.
 
         Args:
@@ -164,7 +164,24 @@ class MLPPolicy:
             mean: what normalization subtracts from an observation, (O,).
             std: what it divides by, (O,).
         """
-        return PolicyModule(self, theta, mean, std)
+        theta = np.asarray(theta, np.float32)
+        if theta.shape != (self.num_parameters,):
+            raise Sim2RealError(
+                f"policy: {theta.shape} parameters for a network of {self.num_parameters}"
+            )
+        layers: list[nn.Module] = []
+        for weight, bias in zip(self.pieces[::2], self.pieces[1::2], strict=True):
+            if layers:
+                layers.append(nn.Tanh() if self.activation == "tanh" else nn.ReLU())
+            linear = nn.Linear(*weight.shape)
+            matrix = theta[weight.start : weight.stop].reshape(weight.shape)
+            with torch.no_grad():
+                linear.weight.copy_(torch.from_numpy(matrix.T.copy()))
+                linear.bias.copy_(torch.from_numpy(theta[bias.start : bias.stop].copy()))
+            layers.append(linear)
+        squash = "tanh" if self.output == "tanh" else "none"
+        network = nn.Sequential(*layers)
+        return Actor(network, mean, std, self.action_low, self.action_high, squash)
 
     def acting(self, theta: np.ndarray, mean: np.ndarray, std: np.ndarray) -> Acting:
         """Return `module` as TorchRL steps with it."""
@@ -305,51 +322,3 @@ def _activate(x: np.ndarray, activation: Activation) -> None:
         np.tanh(x, out=x)
     else:
         np.maximum(x, 0, out=x)
-
-
-class PolicyModule(nn.Module):
-    """One parameter vector as a torch module: raw observation to action."""
-
-    observation_mean: torch.Tensor
-    observation_std: torch.Tensor
-    action_middle: torch.Tensor
-    action_half: torch.Tensor
-
-    def __init__(
-        self, policy: MLPPolicy, theta: np.ndarray, mean: np.ndarray, std: np.ndarray
-    ) -> None:
-        super().__init__()
-        theta = np.asarray(theta, np.float32)
-        if theta.shape != (policy.num_parameters,):
-            raise Sim2RealError(
-                f"policy: {theta.shape} parameters for a network of {policy.num_parameters}"
-            )
-        layers: list[nn.Module] = []
-        for weight, bias in zip(policy.pieces[::2], policy.pieces[1::2], strict=True):
-            if layers:
-                layers.append(nn.Tanh() if policy.activation == "tanh" else nn.ReLU())
-            linear = nn.Linear(*weight.shape)
-            matrix = theta[weight.start : weight.stop].reshape(weight.shape)
-            with torch.no_grad():
-                linear.weight.copy_(torch.from_numpy(matrix.T.copy()))
-                linear.bias.copy_(torch.from_numpy(theta[bias.start : bias.stop].copy()))
-            layers.append(linear)
-        self.network = nn.Sequential(*layers)
-        self.squash = policy.output == "tanh"
-        constants = {
-            "observation_mean": mean,
-            "observation_std": std,
-            "action_middle": policy.middle,
-            "action_half": policy.half,
-        }
-        for name, value in constants.items():
-            self.register_buffer(name, torch.as_tensor(np.asarray(value), dtype=torch.float64))
-
-    def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """Map raw observations (..., O) to actions (..., A)."""
-        normalized = (observation - self.observation_mean) / self.observation_std
-        x = self.network(normalized.to(torch.float32))
-        action = x
-        if self.squash:
-            action = self.action_middle + self.action_half * torch.tanh(x)
-        return action.to(torch.float32)

@@ -8,8 +8,6 @@ The sums are of observations minus the frozen mean, which keeps them exact when 
 0.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

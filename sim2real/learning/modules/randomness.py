@@ -5,8 +5,6 @@ with randomness:
     action = torch.randn(3)             # follows from the seed and what was drawn inside before
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 

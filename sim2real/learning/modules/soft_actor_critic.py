@@ -9,8 +9,6 @@ Actions are in units of half the range between their limits, which a transform o
 scales them to.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 

@@ -7,8 +7,6 @@
 The counterpart of `Law`: the vector holds the critic's parameters in their order.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,15 +21,10 @@ Tensor = torch.Tensor
 
 @dataclass(frozen=True)
 class Critic:
-    """A value function of a policy.
+    """A value function of a policy."""
 
-    Attributes:
-        module: writes the value of what is observed.
-        unit: what rewards are divided by before they are valued; above 0.
-    """
-
-    module: TensorDictModuleBase
-    unit: float = 1.0
+    module: TensorDictModuleBase  # writes the value of what is observed
+    unit: float = 1.0  # what rewards are divided by before they are valued; above 0
 
 
 class FunctionalCritic:

@@ -1,7 +1,5 @@
 """The other step of PG-MAML: gradient steps on a clipped objective, as ProMP takes them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from sim2real.runs.errors import Sim2RealError
@@ -11,18 +9,13 @@ from sim2real.runs.errors import Sim2RealError
 class ClippedSteps:
     """Gradient steps of the optimizer on one iteration's experience (Rothfuss et al. 2019).
 
-    Args:
-        epochs: steps.
-        clip_epsilon: how far a ratio of probabilities may leave 1.
-        kl_weight: weight of the divergence of the policy before adaptation.
-
     Raises:
         Sim2RealError: for values out of range.
     """
 
-    epochs: int
-    clip_epsilon: float
-    kl_weight: float
+    epochs: int  # steps
+    clip_epsilon: float  # how far a ratio of probabilities may leave 1
+    kl_weight: float  # weight of the divergence of the policy before adaptation
 
     def __post_init__(self) -> None:
         if self.epochs < 1 or not 0 < self.clip_epsilon < 1 or not self.kl_weight >= 0:

@@ -8,8 +8,6 @@ are, too, as those of `FastClipPPOLoss`, are taken as they lie; others are copie
 is that of `torch.optim.Adam`, either of which goes on with that of the other.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from typing import Any
 

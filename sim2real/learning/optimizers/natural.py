@@ -10,8 +10,6 @@ divergence `max_kl`, and a line search shortens it until the objective has risen
 itself is below the limit.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -56,22 +54,15 @@ class StepResult(NamedTuple):
 class NaturalStep:
     """Climbs an objective as far as a trust region allows.
 
-    Args:
-        max_kl: largest mean divergence of the new policy from the old one [nat].
-        cg_iterations: iterations of the conjugate gradients.
-        damping: what is added to the Fisher matrix's diagonal.
-        backtracks: lengths that the line search tries.
-        shrink: by what a length is multiplied to get the next.
-
     Raises:
         Sim2RealError: for values out of range.
     """
 
-    max_kl: float
-    cg_iterations: int
-    damping: float
-    backtracks: int
-    shrink: float
+    max_kl: float  # largest mean divergence of the new policy from the old one [nat]
+    cg_iterations: int  # iterations of the conjugate gradients
+    damping: float  # what is added to the Fisher matrix's diagonal
+    backtracks: int  # lengths that the line search tries
+    shrink: float  # by what a length is multiplied to get the next
 
     def __post_init__(self) -> None:
         if not self.max_kl > 0 or not self.damping >= 0 or not 0 < self.shrink < 1:

@@ -13,8 +13,6 @@ for bit on the same kind of processor, and the episodes of a worker that dies ru
 Every machine needs the same Python packages and this project, installed or at the same path.
 """
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import logging
@@ -89,20 +87,15 @@ class RayLink:
 class Cluster:
     """A Ray cluster and what is used of it.
 
-    Args:
-        address: its head's address, as `ray start` prints it; "auto" finds the one on this machine.
-        workers: environments, each in a process on a separate CPU.
-        rows: episodes side by side in each.
-        refill: see `Population`.
-
     Raises:
         ClusterError: for numbers below 1, or without the package ray.
     """
 
+    # its head's address, as `ray start` prints it; "auto" finds the one on this machine
     address: str
-    workers: int
-    rows: int
-    refill: int
+    workers: int  # environments, each in a process on a separate CPU
+    rows: int  # episodes side by side in each
+    refill: int  # see `Population`
 
     def __post_init__(self) -> None:
         for name in ("workers", "rows", "refill"):

@@ -8,8 +8,6 @@ The numbers are float32 as in `MLPPolicy.slots`; that a row's action depends on 
 to rounding.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -12,8 +12,6 @@ refused: transforms that keep statistics of all rows, and environments that draw
 their own.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -14,8 +14,6 @@ E f(m + sigma g) g / sigma (Nesterov and Spokoiny 2017; Salimans et al. 2017). R
 are of Salimans et al.; keeping the best directions is augmented random search (Mania et al. 2018).
 """
 
-from __future__ import annotations
-
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -74,32 +72,22 @@ def orthogonal_directions(rng: np.random.Generator, count: int, size: int) -> np
 class StrategySettings:
     """The settings of an evolution strategy.
 
-    Args:
-        pairs: n, directions per iteration.
-        sigma: standard deviation of the perturbations, in parameter units.
-        learning_rate: step size of the optimizer.
-        optimizer: "sgd" or "adam", of torch.optim.
-        estimator: "antithetic" evaluates both signs of each direction (J = 2n); "forward_fd" one
-            sign and the mean itself, last (J = n + 1).
-        shaping: see `shape_fitness`.
-        top_k: keep the k directions with the largest |F+ - F-| (antithetic) or F (forward); 0 keeps
-            all.
-        orthogonal: draw orthogonal directions instead of independent ones.
-        weight_decay: pull of the mean towards 0, as torch.optim defines it.
-
     Raises:
         Sim2RealError: for values out of range.
     """
 
-    pairs: int
-    sigma: float
-    learning_rate: float
-    optimizer: Literal["sgd", "adam"]
+    pairs: int  # n, directions per iteration
+    sigma: float  # standard deviation of the perturbations, in parameter units
+    learning_rate: float  # step size of the optimizer
+    optimizer: Literal["sgd", "adam"]  # "sgd" or "adam", of torch.optim
+    # "antithetic" evaluates both signs of each direction (J = 2n); "forward_fd" one sign and the
+    # mean itself, last (J = n + 1)
     estimator: Estimator
-    shaping: Shaping
+    shaping: Shaping  # see `shape_fitness`
+    # keep the k directions with the largest |F+ - F-| (antithetic) or F (forward); 0 keeps all
     top_k: int = 0
-    orthogonal: bool = False
-    weight_decay: float = 0.0
+    orthogonal: bool = False  # draw orthogonal directions instead of independent ones
+    weight_decay: float = 0.0  # pull of the mean towards 0, as torch.optim defines it
 
     def __post_init__(self) -> None:
         for name in ("sigma", "learning_rate"):

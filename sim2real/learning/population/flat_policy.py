@@ -8,8 +8,6 @@
 depends on nothing but its own parameters, memory and observation, to the last bit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 

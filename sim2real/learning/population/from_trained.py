@@ -8,8 +8,6 @@ world is that of training with its statistics frozen, so that the same parameter
 returns as in `TrainedPolicy.run_episodes`.
 """
 
-from __future__ import annotations
-
 from sim2real.learning.population.actors import ActorPolicy
 from sim2real.learning.population.env_rows import EnvRows
 from sim2real.learning.population.population import Population

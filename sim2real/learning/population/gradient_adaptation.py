@@ -7,8 +7,6 @@ The counterpart of `evaluate_adaptation`, whose episodes report returns alone. A
 while the policy adapts, and are the law's means in the episodes that score it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from torch.func import vmap
@@ -27,10 +25,7 @@ Tensor = torch.Tensor
 
 
 def adapt_to(
-    trained: TrainedPolicy,
-    adapt: PolicyGradient,
-    values: np.ndarray,
-    rng: np.random.Generator,
+    trained: TrainedPolicy, adapt: PolicyGradient, values: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, int]:
     """Adapt a policy to robots (n, P); return the parameters (n, P) and the steps that it took.
 

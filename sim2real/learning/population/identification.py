@@ -7,8 +7,6 @@ The counterpart of `evaluate_adaptation`, whose episodes report returns alone. B
 receives the centre of the training ranges; after, what was found in the logs of the adaptation.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from envs.simulation import Simulation

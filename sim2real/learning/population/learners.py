@@ -9,8 +9,6 @@ begins again at once. After a round all members of a shard learn side by side. W
 to depends on its parameters, its robot and its seeds alone, to the last bit.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -26,23 +24,16 @@ from sim2real.learning.modules.normalizer import Normalizer
 
 @dataclass(frozen=True)
 class BatchedLearningResult:
-    """The results of J members in R rounds.
+    """The results of J members in R rounds."""
 
-    Attributes:
-        returns: undiscounted return of the episodes that ended in a round, their mean, (J, R); of
-            the one that goes on where none did.
-        lengths: control steps, (J, R).
-        failed: whether a simulation error ended an episode, (J, R) bool.
-        sums: sum of (observation - frozen mean), (J, O).
-        squares: sum of (observation - frozen mean)^2, (J, O).
-        paid: sum of the discounted returns so far, and of their squares, over all steps, (J, 2).
-    """
-
+    # undiscounted return of the episodes that ended in a round, their mean, (J, R); of the one
+    # that goes on where none did
     returns: np.ndarray
-    lengths: np.ndarray
-    failed: np.ndarray
-    sums: np.ndarray
-    squares: np.ndarray
+    lengths: np.ndarray  # control steps, (J, R)
+    failed: np.ndarray  # whether a simulation error ended an episode, (J, R) bool
+    sums: np.ndarray  # sum of (observation - frozen mean), (J, O)
+    squares: np.ndarray  # sum of (observation - frozen mean)^2, (J, O)
+    # sum of the discounted returns so far, and of their squares, over all steps, (J, 2)
     paid: np.ndarray
 
 

@@ -32,19 +32,12 @@ from sim2real.runs.errors import Sim2RealError
 
 @dataclass(frozen=True)
 class PopulationRequest:
-    """A population's plan: J members with A adaptation and F final episodes each.
+    """A population's plan: J members with A adaptation and F final episodes each."""
 
-    Attributes:
-        cohort: their adaptations, J members.
-        values: task parameters during adaptation, (J, P).
-        final_values: task parameters of the final episodes, (J, P); usually the same.
-        seeds: a seed for each episode, (J, A + F) uint64.
-    """
-
-    cohort: BatchedSession
-    values: np.ndarray
-    final_values: np.ndarray
-    seeds: np.ndarray
+    cohort: BatchedSession  # their adaptations, J members
+    values: np.ndarray  # task parameters during adaptation, (J, P)
+    final_values: np.ndarray  # task parameters of the final episodes, (J, P); usually the same
+    seeds: np.ndarray  # a seed for each episode, (J, A + F) uint64
 
     @property
     def adaptation_episodes(self) -> int:
@@ -65,27 +58,18 @@ class PopulationRequest:
 
 @dataclass(frozen=True)
 class PopulationResult:
-    """A population's returns, E = A + F episodes a member, in their order.
+    """A population's returns, E = A + F episodes a member, in their order."""
 
-    Attributes:
-        returns: undiscounted returns, (J, E).
-        lengths: control steps, (J, E).
-        failed: episodes that a simulation error ended, (J, E) bool; their returns are up to there.
-        thetas: adapted parameters, (J, P) float32.
-        adaptation_episodes: A.
-        sums: sum of (observation - frozen mean) over all steps, (O,).
-        squares: sum of (observation - frozen mean)^2, (O,).
-        paid: sums of the discounted returns before each step's end and of their squares, of members
-            that learn from steps.
-    """
-
-    returns: np.ndarray
-    lengths: np.ndarray
+    returns: np.ndarray  # undiscounted returns, (J, E)
+    lengths: np.ndarray  # control steps, (J, E)
+    # episodes that a simulation error ended, (J, E) bool; their returns are up to there
     failed: np.ndarray
-    thetas: np.ndarray
-    adaptation_episodes: int
-    sums: np.ndarray
-    squares: np.ndarray
+    thetas: np.ndarray  # adapted parameters, (J, P) float32
+    adaptation_episodes: int  # A
+    sums: np.ndarray  # sum of (observation - frozen mean) over all steps, (O,)
+    squares: np.ndarray  # sum of (observation - frozen mean)^2, (O,)
+    # sums of the discounted returns before each step's end and of their squares, of members that
+    # learn from steps
     paid: tuple[float, float] = (0.0, 0.0)
 
     @property

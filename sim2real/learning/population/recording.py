@@ -4,8 +4,6 @@ recorded = record(robot, trained.controller(num_rows=50), seeds, values)
 recorded.returns, recorded.log              # (50,), and one log of 50 episodes
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -10,8 +10,6 @@ runs it, nor whether it runs twice because a worker died. `sim2real.learning.pop
 the workers.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import time

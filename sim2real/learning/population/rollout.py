@@ -4,8 +4,6 @@ played = play(trained.world(50), trained.actor(trained.theta), values, seeds)
 played.returns                                  # (n,)
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -9,8 +9,6 @@ Rows are filled again soon after their episodes ended. What an episode comes to 
 its row, on the other rows, or on how many there are.
 """
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import numpy as np

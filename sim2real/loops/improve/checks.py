@@ -5,8 +5,6 @@ priced(causes, trained, place, 64, seed=0)
 facts(place)["causes"]                      # values, intervals, shares and costs
 """
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Sequence

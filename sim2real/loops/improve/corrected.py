@@ -8,8 +8,6 @@ Each value is normal about what was found, with the standard deviation of its in
 the range that its parameter has. It takes the place of what the training drew before (`params=`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

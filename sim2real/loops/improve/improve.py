@@ -18,8 +18,6 @@ is in the corrected simulator, and deploys again. Its folder holds, in this orde
 A step whose files are there is not done again, so that a loop that was killed goes on at that step.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Sequence
@@ -63,21 +61,14 @@ GUARD_STOPPED = 3  # exit status
 
 @dataclass(frozen=True)
 class Plan:
-    """The limits of a loop.
+    """The limits of a loop."""
 
-    Args:
-        rounds: trainings at most.
-        tolerance: part of the simulator's return that counts as nothing.
-        rollouts: episodes on each robot that price the causes.
-        logs: recordings to start from, in place of the first deployment and recording.
-        absent: whether the robot of these logs is not here, so that nothing is deployed.
-    """
-
-    rounds: int
-    tolerance: float
-    rollouts: int
+    rounds: int  # trainings at most
+    tolerance: float  # part of the simulator's return that counts as nothing
+    rollouts: int  # episodes on each robot that price the causes
+    # recordings to start from, in place of the first deployment and recording
     logs: Sequence[Log] = ()
-    absent: bool = False
+    absent: bool = False  # whether the robot of these logs is not here, so that nothing is deployed
 
     def __post_init__(self) -> None:
         if self.rounds < 1 or not 0 <= self.tolerance < 1:
@@ -89,17 +80,11 @@ class Plan:
 
 @dataclass(frozen=True)
 class Improvement:
-    """The result of a loop.
+    """The result of a loop."""
 
-    Args:
-        end: why, see `story.WORDS`.
-        why: the guard's words where it stopped the robot.
-        story: the rounds; its `best` is the number of the best policy's.
-    """
-
-    end: End
-    why: str
-    story: ImprovementHistory
+    end: End  # why, see `story.WORDS`
+    why: str  # the guard's words where it stopped the robot
+    story: ImprovementHistory  # the rounds; its `best` is the number of the best policy's
 
     @property
     def exit_status(self) -> int:

@@ -7,8 +7,6 @@
 Without a terminal the answer is no.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """The rounds of an improvement in one picture: returns on the robot and in each simulator."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any

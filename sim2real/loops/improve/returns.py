@@ -8,8 +8,6 @@ the ranges of the training's own tasks and deploys it; a Gaussian process of the
 to train next. The folder of round NN holds distribution.yaml, the policy's run and deploy/.
 """
 
-from __future__ import annotations
-
 import logging
 from dataclasses import replace
 from pathlib import Path

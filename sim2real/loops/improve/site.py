@@ -9,8 +9,6 @@ enters the distance of each episode; returns are then distance [m] less the task
 the robot and in simulation alike.
 """
 
-from __future__ import annotations
-
 import logging
 import shutil
 from collections.abc import Sequence
@@ -49,33 +47,21 @@ DEPLOYED = "deploy/logs"  # in a round's folder
 class RobotSetup:
     """A robot, and how it is run.
 
-    Args:
-        machine: the robot; with a port a real one, which the operator is asked about.
-        environment: the simulator of its task, as given.
-        operator: the person next to a real robot.
-        trials: episodes of each policy.
-        settle: how long the start is held before each [s].
-        limits: when the guard stops it.
-        stand: whether it is recorded on a stand; else its episodes on the ground are diagnosed.
-        motions: kinds of motion on the stand.
-        seconds: of each of the two recordings there.
-        seed: of starts, motions and an emulated robot's noise.
-
     Raises:
         Sim2RealError: fewer than two trials, a base that no log of the ground tells of, or a return
             that neither the robot nor its operator can measure.
     """
 
-    machine: Robot
-    environment: EnvironmentFactory
-    operator: Operator
-    trials: int
-    settle: float
-    limits: StopLimits
-    stand: bool
-    motions: Sequence[Kind]
-    seconds: float
-    seed: int
+    machine: Robot  # the robot; with a port a real one, which the operator is asked about
+    environment: EnvironmentFactory  # the simulator of its task, as given
+    operator: Operator  # the person next to a real robot
+    trials: int  # episodes of each policy
+    settle: float  # how long the start is held before each [s]
+    limits: StopLimits  # when the guard stops it
+    stand: bool  # whether it is recorded on a stand; else its episodes on the ground are diagnosed
+    motions: Sequence[Kind]  # kinds of motion on the stand
+    seconds: float  # of each of the two recordings there
+    seed: int  # of starts, motions and an emulated robot's noise
 
     def __post_init__(self) -> None:
         check_trials(self.trials)

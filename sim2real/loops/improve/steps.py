@@ -5,8 +5,6 @@ effects = diagnosed(read_logs(folder / "stand"), None, 0, folder / "diagnosis")
 trained = learn(folder, "corrected", parts.with_effects(effects), settings)
 """
 
-from __future__ import annotations
-
 import logging
 import os
 from collections.abc import Sequence

@@ -9,8 +9,6 @@ Returns of a round are of the same starts on the robot and in the simulator that
 trained in, so that their differences are taken start by start.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -82,15 +80,10 @@ class Round:
 
 @dataclass
 class ImprovementHistory:
-    """The rounds so far.
+    """The rounds so far."""
 
-    Args:
-        tolerance: part of the simulator's return that counts as nothing.
-        seed: of the intervals' resamples.
-    """
-
-    tolerance: float
-    seed: int
+    tolerance: float  # part of the simulator's return that counts as nothing
+    seed: int  # of the intervals' resamples
     rounds: list[Round] = field(default_factory=list)
 
     def interval(self, values: Sequence[float]) -> Interval:

@@ -11,8 +11,6 @@ in flight, leaves the recording soon whatever the model; restarted often, what i
 model's errors stays measurable.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -43,20 +41,14 @@ STARTS = 1  # stream of randomness: the episodes, the same for all policies
 class Target:
     """A simulated robot, of which the loop knows its episodes alone.
 
-    Args:
-        world: what stands for the robot.
-        environment: the simulator of its task, as given.
-        trials: episodes of each policy.
-        seed: of their starts.
-
     Raises:
         Sim2RealError: fewer than two trials, or worlds that are not simulations of a robot.
     """
 
-    world: EnvironmentFactory
-    environment: EnvironmentFactory
-    trials: int
-    seed: int
+    world: EnvironmentFactory  # what stands for the robot
+    environment: EnvironmentFactory  # the simulator of its task, as given
+    trials: int  # episodes of each policy
+    seed: int  # of their starts
     stand = False
     by_distance = False
 

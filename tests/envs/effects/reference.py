@@ -13,8 +13,6 @@ motor's. What is between them is a play with rigid, inelastic ends, a spring, or
   control of systems with friction, IEEE Trans. Automatic Control 40 (3), 1995, equations 1 to 3.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal

@@ -1,7 +1,5 @@
 """Effects that only a camera sees."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

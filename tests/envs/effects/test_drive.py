@@ -1,7 +1,5 @@
 """What a motor's voltage, current loop and integrator do, against closed forms."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco

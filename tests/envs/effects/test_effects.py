@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import re
 
 import mujoco
@@ -91,13 +89,6 @@ def variants() -> list:
 def test_the_vocabulary_is_whole() -> None:
     """Every standard name is there."""
     assert set(STANDARD) <= set(EFFECTS)
-
-
-def test_effects_imitate_beside_effects_that_there_are() -> None:
-    """A pair is known whichever of the two knows it."""
-    pairs = {(name, other) for name, kind in EFFECTS.items() for other in kind.imitates}
-    assert ("stribeck_friction", "viscous_friction") in pairs
-    assert {other for _, other in pairs} <= set(EFFECTS)
 
 
 @pytest.mark.parametrize(("name", "where", "how", "side"), variants())

@@ -1,7 +1,5 @@
 """Play, springs and bristles through a swing, beside an integration by scipy of the equations."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Literal

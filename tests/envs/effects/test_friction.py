@@ -1,9 +1,5 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
-
-from envs.effects import EFFECTS
 
 INERTIA = 0.001 + 1e-4 + 0.2 * 0.1**2  # of the bench's rotor and link about the hinge [kg·m²]
 MOTOR = '<motor name="servo" joint="hinge"/>'
@@ -184,16 +180,3 @@ def test_asymmetric_friction_sticks_up_to_another_torque_each_way(bench, one) ->
         arm = bench(effects, [[0.1, 0.1]], MOTOR)
         arm.reset()
         assert (abs(arm.hold(torque, 0.5)[0]) > 0.1) == moves
-
-
-def test_falling_and_rising_friction_add_up_to_dry_friction() -> None:
-    """Over the speeds of a log the sum of both is within a tenth of one torque."""
-    effect, speeds = EFFECTS["stribeck_friction"], np.linspace(0.05, 2.5, 50)  # rad/s
-    (ends,) = (extra.fit for extra in effect.extras if extra.name == "speed")
-    slowest = ends[1] if ends else 0.0
-    laws = np.stack([np.exp(-((speeds / slowest) ** 2)), speeds], axis=1)
-    sizes, *_ = np.linalg.lstsq(laws, np.ones(len(speeds)), rcond=None)
-    assert (sizes > 0).all()
-    assert np.abs(laws @ sizes - 1).max() < 0.1
-    assert np.abs(laws[:, :1] * sizes[0] - 1).max() > 0.4
-    assert "viscous_friction" in effect.imitates

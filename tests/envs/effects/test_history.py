@@ -1,7 +1,5 @@
 """What reaches an actuator through its delay line, against the force that the engine applies."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """What an IMU says that is mounted askew, late, biased or scaled, against rotations known."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """A link's length: the stretched model is the one that is built longer."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Two lists of effects as one: the same simulation as both of them."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

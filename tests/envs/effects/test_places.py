@@ -1,7 +1,5 @@
 """Blocks of fields: slices where rows and columns allow it, and the same numbers either way."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

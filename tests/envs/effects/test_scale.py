@@ -1,7 +1,5 @@
 """Sizes of a robot: from its limits, its gains, its commands, what it carries."""
 
-from __future__ import annotations
-
 import mujoco
 import pytest
 

@@ -1,7 +1,5 @@
 """How a geom bounces and slides: a dropped ball against e, a rolling one against g sin(a) 5/7."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

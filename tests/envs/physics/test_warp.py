@@ -1,7 +1,5 @@
 """MuJoCo Warp on its CPU device against the batch: effects, tasks, starts, failures, training."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from importlib.util import find_spec

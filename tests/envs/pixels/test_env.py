@@ -1,7 +1,5 @@
 """Images in a TorchRL environment."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

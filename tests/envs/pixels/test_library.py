@@ -1,16 +1,12 @@
 """Which graphics library is found."""
 
-from __future__ import annotations
-
 import pytest
 
 from envs.errors import RenderError
 from envs.pixels import library
 
 
-def test_without_a_graphics_library_it_says_what_to_install(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_without_a_graphics_library_it_says_what_to_install(monkeypatch) -> None:
     """One line names the package; MUJOCO_GL is named where the user set it."""
     monkeypatch.setattr(library, "_works", lambda name: False)
     monkeypatch.delenv("MUJOCO_GL", raising=False)

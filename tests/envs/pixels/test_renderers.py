@@ -1,7 +1,5 @@
 """Two ways to draw: rays and OpenGL."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest
@@ -107,11 +105,7 @@ def test_gl_draws_all_rows_in_several_processes() -> None:
 @pytest.mark.parametrize("kind", ["rays", pytest.param("gl", marks=pytest.mark.render)])
 def test_looks_differ_from_row_to_row(kind: str) -> None:
     """Colours, light and camera follow the parameters of each row."""
-    effects = (
-        make("colour", where="torso"),
-        make("light_level"),
-        make("camera_shift"),
-    )
+    effects = (make("colour", where="torso"), make("light_level"), make("camera_shift"))
     simulation = Simulation(HopperPolito(), 4, effects)
     values = simulation.space.points(4)
     values[1, simulation.space.index("colour.torso.red")] = -0.5

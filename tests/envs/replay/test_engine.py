@@ -1,7 +1,5 @@
 """Replays against motions whose course is known in closed form."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

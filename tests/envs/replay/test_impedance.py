@@ -1,7 +1,5 @@
 """Rows that bring their own gains, beside a loop over MuJoCo written by hand."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """A recording on the clock of a simulation."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

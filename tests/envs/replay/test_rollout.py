@@ -1,7 +1,5 @@
 """Rolling a plant's rows in one call is stepping it."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

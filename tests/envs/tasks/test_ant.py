@@ -1,7 +1,5 @@
 """The ant's contact forces."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

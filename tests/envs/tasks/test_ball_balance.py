@@ -1,7 +1,5 @@
 """EASI's BallBalance: pinned feet, goals that move, rewards, and a ball that rolls off."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

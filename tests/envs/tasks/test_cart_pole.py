@@ -1,7 +1,5 @@
 """EASI's cart-pole: its equations of motion, its drive, its rewards."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

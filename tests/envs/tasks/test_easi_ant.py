@@ -1,7 +1,5 @@
 """EASI's ant: what it observes in its own frame, what it is paid, its eleven parameters."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

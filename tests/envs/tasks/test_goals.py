@@ -1,7 +1,5 @@
 """Tasks with a goal: the reward asks for it, the policy does not see it, no robot has it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

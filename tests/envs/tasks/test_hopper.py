@@ -1,7 +1,5 @@
 """The 500-step Hopper of the transfer studies."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Each task equals Gymnasium's environment of the same name."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

@@ -1,7 +1,5 @@
 """Biased CartPole: Gymnasium's dynamics, a continuous force and a sensor that is off."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

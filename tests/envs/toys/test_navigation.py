@@ -1,7 +1,5 @@
 """Navigation tasks: rewards and endings as published, independent rows, noise by its law."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Hosts of emulated servos."""
 
-from __future__ import annotations
-
 import pytest
 
 from hardware.config import load_robot

@@ -1,7 +1,5 @@
 """A host that speaks to emulated servos in bytes."""
 
-from __future__ import annotations
-
 import struct
 
 from hardware import protocol

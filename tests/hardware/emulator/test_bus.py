@@ -1,7 +1,5 @@
 """The emulated bus answers as the manual says, to the SDK's own code and to raw bytes."""
 
-from __future__ import annotations
-
 import itertools
 import struct
 

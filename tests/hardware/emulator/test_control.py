@@ -1,7 +1,5 @@
 """The emulated control laws follow the manual's diagrams in every operating mode."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

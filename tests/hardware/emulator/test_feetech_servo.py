@@ -1,7 +1,5 @@
 """What an emulated STS3215 does in each operating mode and with each instruction."""
 
-from __future__ import annotations
-
 import pytest
 
 from hardware.config import make_robot

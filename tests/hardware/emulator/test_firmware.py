@@ -1,7 +1,5 @@
 """The emulated servos' motion, currents and temperatures follow from closed forms."""
 
-from __future__ import annotations
-
 import struct
 
 import mujoco

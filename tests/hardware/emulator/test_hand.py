@@ -1,7 +1,5 @@
 """The hand beside an emulated robot: plugs, moves, holds, and lets go of what has torque."""
 
-from __future__ import annotations
-
 import pytest
 
 from hardware.config import load_robot

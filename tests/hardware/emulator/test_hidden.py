@@ -1,7 +1,5 @@
 """Every hidden effect does to the emulated robot what its number says."""
 
-from __future__ import annotations
-
 import struct
 
 import mujoco

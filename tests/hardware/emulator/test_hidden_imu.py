@@ -1,7 +1,5 @@
 """The IMU of an emulated robot with hidden faults, against what is true."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

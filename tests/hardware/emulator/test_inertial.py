@@ -1,7 +1,5 @@
 """The emulated IMU against closed forms: gravity, turns, latency, bias and noise."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

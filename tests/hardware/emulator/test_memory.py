@@ -1,7 +1,5 @@
 """An emulated control table refuses, resets and keeps what the manual says."""
 
-from __future__ import annotations
-
 import struct
 
 import pytest

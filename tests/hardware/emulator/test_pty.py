@@ -1,7 +1,5 @@
 """The device file: speeds, clients that do not read, links, and a robot that keeps up."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import struct

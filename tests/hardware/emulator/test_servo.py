@@ -1,7 +1,5 @@
 """An emulated servo answers, reports and stops as the manual says."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

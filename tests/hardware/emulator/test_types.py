@@ -1,7 +1,5 @@
 """Every type that can be emulated turns a pendulum as its motor constants say."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

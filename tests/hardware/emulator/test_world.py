@@ -1,7 +1,5 @@
 """An emulated robot can be held until it is armed, as on a stand."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -1,7 +1,5 @@
 """One recorded run of two joints, written in every format that the project reads."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Logs of BAM and SAGE are read like our own, and refused with the place of what is wrong."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """One recorded run is the same log in every format, and what is damaged or unsaid is refused."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -80,9 +78,7 @@ def test_a_recording_without_a_mapping_says_what_it_holds(tmp_path: Path) -> Non
         ("qpos.pan", {"from": "pan qpos", "unit": "grad"}, "unit 'grad' is not known"),
     ],
 )
-def test_a_wrong_mapping_is_named(
-    tmp_path: Path, place: int | str, change: Any, sentence: str
-) -> None:
+def test_a_wrong_mapping_is_named(tmp_path, place: int | str, change: Any, sentence: str) -> None:
     """File, topic or column, and what there is or the nearest name stand in the sentence."""
     of_topics = isinstance(place, int)
     path = (mcap if of_topics else renamed_csv)(tmp_path, run())

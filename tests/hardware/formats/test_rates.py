@@ -1,7 +1,5 @@
 """Tables whose columns arrive at moments of their own become rows of a log, as they were."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a reader mends: any clock, lost readings, angles that wrap; and what it refuses to guess."""
 
-from __future__ import annotations
-
 import datetime
 from pathlib import Path
 
@@ -131,9 +129,7 @@ def test_what_cannot_be_left_out_is_refused(
 
 @pytest.mark.parametrize("value", [0.0, 2.0**32, -1.0e6, 65535.0])
 @pytest.mark.parametrize("first", [0, 60, 192], ids=["begin", "middle", "end"])
-def test_a_constant_of_a_silent_bus_is_no_position(
-    tmp_path: Path, value: float, first: int
-) -> None:
+def test_a_constant_of_a_silent_bus_is_no_position(tmp_path, value: float, first: int) -> None:
     """Eight rows of it are left out, wherever they stand."""
     q = SWING.copy()
     q[first : first + 8] = value

@@ -1,7 +1,5 @@
 """The BNO055: bytes against its data sheet, and the emulated part through the reader."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The IMU over a pseudo terminal: values, mounting, and what becomes of bad and missing frames."""
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import os

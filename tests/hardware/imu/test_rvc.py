@@ -1,7 +1,5 @@
 """Frames of the BNO085's mode UART-RVC: the maker's example, damage, angles and their order."""
 
-from __future__ import annotations
-
 import math
 
 import mujoco

@@ -1,7 +1,5 @@
 """What people type on the command line, and what Hydra is given for it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The command line's answers: a sentence with the nearest match, before torch is imported."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """A folder of a user's own: its groups and modules are in reach of every verb."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from pathlib import Path

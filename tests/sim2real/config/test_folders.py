@@ -1,7 +1,5 @@
 """Paths that a command names are there before anything is written; each run has its own folder."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Names that were renamed: saved runs and users' own code still find what they mean."""
 
-from __future__ import annotations
-
 import pytest
 
 import sim2real

@@ -1,7 +1,5 @@
 """Signatures are read from sources; trees are held against them."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -61,7 +59,7 @@ def test_signatures_are_read_from_the_source(module: str) -> None:
     ]
     assert list(record.arguments) == ["names", "limits", "other", "share", "on"]
     function = signatures.find(f"{module}.open_ended")
-    assert function is not None and function.open and not function.is_class
+    assert function is not None and function.open
     assert "envs.sample" not in sys.modules
 
 

@@ -1,7 +1,5 @@
 """Policies from files: the same actions from each format, and nothing that runs code."""
 
-from __future__ import annotations
-
 import io
 import json
 import pickle

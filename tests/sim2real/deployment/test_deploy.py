@@ -1,7 +1,5 @@
 """The picture of a deployment's returns."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any

@@ -1,7 +1,5 @@
 """What is about to drive a robot is compared with it before anything moves."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil
@@ -12,14 +10,13 @@ import pytest
 
 from hardware.config import load_robot
 from hardware.log import read_logs
-from sim2real.config.compose import compose, instantiate
 from sim2real.deployment.fit import check_interface
 from sim2real.deployment.trained import load_policy
 from sim2real.learning.interface import FILE
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.checkpoint import find
 from sim2real.runs.errors import Sim2RealError
-from tests.sim2real.trained import SMALL_ES, train
+from tests.sim2real.trained import SMALL_ES, run_verb, train
 
 
 @pytest.fixture(scope="module")
@@ -37,8 +34,7 @@ def policy(run) -> TrainedPolicy:
 def deploy(run: Path, out: Path, *words: str):
     """Deploy one episode as the command line does."""
     given = ["run=deploy", f"checkpoint={run}", "trials=1", "settle=0.1", *words]
-    verb, arguments = instantiate(compose(given), out)
-    return verb(**arguments)
+    return run_verb(given, out)
 
 
 def change(run: Path, out: Path, **changes) -> Path:
@@ -62,8 +58,7 @@ def test_training_writes_what_a_policy_sees_does_and_drives(run):
 
 def test_export_writes_the_same_block(run, tmp_path):
     """policy.json carries the interface of the run."""
-    verb, arguments = instantiate(compose(["run=export", f"checkpoint={run}"]), tmp_path)
-    verb(**arguments)
+    run_verb(["run=export", f"checkpoint={run}"], tmp_path)
     facts = json.loads((tmp_path / "policy.json").read_text())
     assert facts["policy_interface"] == json.loads((run / FILE).read_text())
 
@@ -109,8 +104,7 @@ def test_a_policy_without_an_interface_is_refused_with_the_command(run, policy, 
     aged = replace(policy, source=find(old))
     with pytest.raises(Sim2RealError, match=r"run=export checkpoint=.*adds it"):
         check_interface(aged, load_robot("bench1"))
-    verb, arguments = instantiate(compose(["run=export", f"checkpoint={old}"]), tmp_path / "export")
-    verb(**arguments)
+    run_verb(["run=export", f"checkpoint={old}"], tmp_path / "export")
     assert json.loads((old / FILE).read_text()) == json.loads((run / FILE).read_text())
     check_interface(aged, load_robot("bench1"))
 

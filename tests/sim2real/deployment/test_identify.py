@@ -1,7 +1,5 @@
 """`deploy adapt=identify`: on the emulated servo bus the policy is told what its logs say."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,12 +12,11 @@ from hardware.backends import ServoBackend
 from hardware.config import load_robot
 from hardware.exported import ExportedPolicy, PolicyError
 from hardware.rows import RobotRows
-from sim2real.config.compose import compose, instantiate
 from sim2real.deployment.deploy import check_base
 from sim2real.deployment.trained import load_policy
 from sim2real.learning.adapt import Identify, NoAdaptation
 from sim2real.runs.errors import Sim2RealError
-from tests.sim2real.trained import SMALL_ES, train
+from tests.sim2real.trained import SMALL_ES, run_verb, train
 
 TOLD = [w for w in SMALL_ES if not w.startswith("env.task")] + ["env.task.seconds=1.5"]
 TOLD += ["params=bench1_dr", "transforms=with_params"]
@@ -40,8 +37,7 @@ def deployed(run: Path, out: Path, *words: str) -> Any:
     hidden = out.parent / "hidden.yaml"
     hidden.write_text(HIDDEN, encoding="utf-8")
     given = ["run=deploy", f"checkpoint={run}", "robot=bench1", f"robot.hidden={hidden}"]
-    verb, arguments = instantiate(compose([*given, "trials=1", "settle=0.1", *words]), out)
-    return verb(**arguments)
+    return run_verb([*given, "trials=1", "settle=0.1", *words], out)
 
 
 @pytest.mark.slow
@@ -83,8 +79,7 @@ def test_a_robot_whose_base_nothing_tells_is_refused() -> None:
 
 def test_an_export_says_which_parameters_it_needs(run: Path, tmp_path: Path) -> None:
     """They stand behind the observation, with unit and range; without them it computes nothing."""
-    verb, arguments = instantiate(compose(["run=export", f"checkpoint={run}"]), tmp_path / "export")
-    verb(**arguments)
+    run_verb(["run=export", f"checkpoint={run}"], tmp_path / "export")
     policy = ExportedPolicy.load(tmp_path / "export")
     assert policy.names[-2:] == ["viscous_friction", "link_mass.arm"]
     assert policy.parameters[1] == {

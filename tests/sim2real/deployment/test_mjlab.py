@@ -1,7 +1,5 @@
 """Effects as terms of mjlab: they set what the plant has, and the rest is refused by name."""
 
-from __future__ import annotations
-
 import ast
 import json
 import os

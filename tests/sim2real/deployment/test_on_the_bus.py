@@ -1,9 +1,6 @@
 """The robot is stepped as its simulation is: by a collector, with somebody's own parts."""
 
-from __future__ import annotations
-
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,14 +16,13 @@ from envs.tasks import Bench1
 from hardware.backends import ServoBackend
 from hardware.config import load_robot
 from hardware.env import HardwareEnv
-from sim2real.config.compose import compose, instantiate
 from sim2real.deployment.deploy import run_deployment
 from sim2real.deployment.robot_env import on_robot, robot_of
 from sim2real.deployment.session import Deployment
 from sim2real.learning.adapt import NoAdaptation
-from sim2real.learning.algorithms.base import build
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.trained import TrainedPolicy
+from tests.sim2real.trained import make_learner
 
 WORDS = ["env=bench1", "env.task.seconds=0.4", "algorithm=ppo", "algorithm.num_rows=4"]
 WORDS += ["algorithm.steps=32", "algorithm.minibatch_size=32", "algorithm.epochs=1"]
@@ -35,8 +31,7 @@ STEPS = 20  # of an episode that a transform ends
 
 def test_a_collector_drives_the_emulated_bus_as_it_drives_the_simulation() -> None:
     """Same specs of what is seen and done, same transforms with the statistics of training."""
-    _, given = instantiate(compose(WORDS), Path())
-    learner: Any = build(given["algorithm"], given["parts"])
+    learner: Any = make_learner(WORDS)
     learner.iterate()
     trained = learner.trained()
     backend = ServoBackend(load_robot("bench1"), settle=0.1)
@@ -48,7 +43,7 @@ def test_a_collector_drives_the_emulated_bus_as_it_drives_the_simulation() -> No
         assert twin.action_spec == env.action_spec and twin.reward_spec == env.reward_spec
         chains: list[Any] = [twin.transform, env.transform]
         assert [type(t) for t in chains[0]] == [type(t) for t in chains[1]]
-        make = given["parts"].part("collector")
+        make = learner.parts.part("collector")
         collector = make(env, learner.policy.actor, frames_per_batch=40, total_frames=40)
         batch = next(iter(collector))
         assert batch.shape == (1, 40) and batch["next", "done"].sum() == 2
@@ -93,9 +88,7 @@ class Before(Transform):
 
 
 @pytest.mark.parametrize("cut", [True, False])
-def test_somebody_s_own_transform_and_actor_drive_the_emulated_bus(
-    cut: bool, tmp_path: Path
-) -> None:
+def test_somebody_s_own_transform_and_actor_drive_the_emulated_bus(cut: bool, tmp_path) -> None:
     """The log has what they say of what the task observed; returns are not rounded on the way.
 
     An episode may end by a transform before its task ends it.

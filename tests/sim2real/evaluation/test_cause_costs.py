@@ -1,7 +1,5 @@
 """What causes cost a policy: a small one of the bench, whose costs have properties known before."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A grid lays cells over the parameter space, knows the training range and refuses mistakes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -72,10 +70,7 @@ def test_training_range_reads_the_draws() -> None:
     """Uniform and truncated laws reach their limits, a normal law 2 standard deviations."""
     mass, friction = make("link_mass", where="torso", how="set"), make("ground_friction")
     tasks = Randomization(
-        [
-            Draw(mass, low=1.0, high=9.0),
-            Draw(friction, distribution="normal", mean=2.0, std=0.25),
-        ]
+        [Draw(mass, low=1.0, high=9.0), Draw(friction, distribution="normal", mean=2.0, std=0.25)]
     )
     assert training_range(tasks, SPACE) == {
         "link_mass.torso": (1.0, 9.0),

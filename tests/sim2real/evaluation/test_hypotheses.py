@@ -1,7 +1,5 @@
 """Claims are decided by the rules that they were registered under."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

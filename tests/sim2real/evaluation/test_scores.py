@@ -1,7 +1,5 @@
 """Scores of a grid are summed up by the right unit, survive their files, and combine only alike."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

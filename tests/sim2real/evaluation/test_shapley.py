@@ -1,7 +1,5 @@
 """Shapley values against closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Runs are found, grouped by what was swept, and kept apart where they do not belong together."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A policy on named robots: the robots are what they are called, and the luck is shared."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path

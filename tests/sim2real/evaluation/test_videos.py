@@ -1,7 +1,5 @@
 """Films: what they show, and what is said where nothing can be drawn."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -109,9 +107,7 @@ def test_before_and_after_are_side_by_side_in_one_film(tmp_path: Path) -> None:
 
 @pytest.mark.render
 @pytest.mark.usefixtures("draws")
-def test_robots_are_filmed_one_after_the_other(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_robots_are_filmed_one_after_the_other(tmp_path: Path, monkeypatch) -> None:
     """Each for five seconds at least, though both fall at once, and under its own words."""
     said: list[str] = []
 

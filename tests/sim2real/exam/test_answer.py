@@ -1,7 +1,5 @@
 """An answer is there as soon as there is a verdict."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -60,9 +58,7 @@ def test_a_case_whose_time_is_over_after_the_verdict_has_its_answer(
     assert (folder / EFFECTS).is_file() and not (folder / ERROR).is_file()
 
 
-def test_the_whole_answer_takes_the_place_of_the_first(
-    logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_whole_answer_takes_the_place_of_the_first(logs: Path, tmp_path, monkeypatch) -> None:
     """A cause that is only numerics leaves the files once it is known."""
 
     def whole(*given: Any, on_verdict: Callable[[Diagnosis], None]) -> Diagnosis:

@@ -1,7 +1,5 @@
 """Cases of an exam: a balanced draw from one seed, and folders that keep the secret."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from pathlib import Path
@@ -88,9 +86,7 @@ def test_a_case_keeps_its_secret(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert all(model is not None and model.is_file() for model in models)
 
 
-def test_what_a_robot_cannot_show_is_drawn_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_robot_cannot_show_is_drawn_again(tmp_path: Path, monkeypatch) -> None:
     """Pairs and effects to remove, the same ones for the same seed; single effects are not."""
     asked: list[tuple[str, ...]] = []
     monkeypatch.setattr(cases, "exam_robot", lambda name, logs: None)

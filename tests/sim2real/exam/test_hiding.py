@@ -1,7 +1,5 @@
 """What an exam can hide: every form of a value, and places that the robot has."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

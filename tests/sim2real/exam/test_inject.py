@@ -1,7 +1,5 @@
 """Known effects in real logs: what is made wrong, and what undoes it."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path
@@ -86,17 +84,17 @@ def test_joints_that_are_not_compared_are_fixed(tmp_path: Path) -> None:
 def test_an_exam_without_logs_is_refused(tmp_path: Path) -> None:
     """It says what to set."""
     with pytest.raises(Sim2RealError, match=r"names no folder of them; let .* SIM2REAL_DATA"):
-        RealExam(None, 1, 60.0, 4).draw(0)
+        RealExam(None, 1, longest=60.0, block=4).draw(0)
     with pytest.raises(Sim2RealError, match=r"has no xl330_bench.*SIM2REAL_DATA"):
-        RealExam(str(tmp_path), 1, 60.0, 4).draw(0)
+        RealExam(str(tmp_path), 1, longest=60.0, block=4).draw(0)
     with pytest.raises(Sim2RealError, match="each=0"):
-        RealExam(None, 0, 60.0, 4)
+        RealExam(None, 0, longest=60.0, block=4)
 
 
 @real
 def test_a_real_case_keeps_its_secret_and_opens_a_gap(tmp_path: Path) -> None:
     """The lie is in logs and model; the key alone says which it is."""
-    exam = RealExam(DATA, 1, 60.0, 4)
+    exam = RealExam(DATA, 1, longest=60.0, block=4)
     outline = next(o for o in exam.draw(0) if o.effects == ("encoder_offset",))
     logs, key = tmp_path / "logs", tmp_path / "key"
     assert exam.make(outline, logs, key)

@@ -1,7 +1,5 @@
 """The exam of real robots with a published key: what has to be named, and nothing else."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

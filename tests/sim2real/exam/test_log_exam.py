@@ -1,7 +1,5 @@
 """The exam of log mistakes: a balanced draw, folders that keep the secret, marks."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from pathlib import Path

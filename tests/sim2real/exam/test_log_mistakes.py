@@ -1,7 +1,5 @@
 """Mistakes of logs: what each does to the columns, and which are drawn."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -46,11 +44,7 @@ def test_an_early_reading_is_that_of_the_next_row_with_its_speed() -> None:
         (Mistake("unit", ("qpos",), "a", 180 / np.pi), np.degrees(WAVE), 180 / np.pi),
         (Mistake("offset", ("qpos",), "a", 0.3), WAVE + 0.3, 1.0),
         (Mistake("turn", ("qpos",), "a", -1.0), WAVE - 2 * np.pi, 1.0),
-        (
-            Mistake("turn", ("qpos",), "a", 1.0, seconds=1.0),
-            WAVE + 2 * np.pi * (TIME >= 1.0),
-            1.0,
-        ),
+        (Mistake("turn", ("qpos",), "a", 1.0, seconds=1.0), WAVE + 2 * np.pi * (TIME >= 1.0), 1.0),
         (Mistake("column_map", ("qpos",), "a", 1.0, "b"), WAVE + OTHER, None),
     ],
     ids=lambda value: value.kind if isinstance(value, Mistake) else "",

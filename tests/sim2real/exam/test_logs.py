@@ -1,7 +1,5 @@
 """Logs of an exam: robots on stands, motions, and a nominal model that is honest."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

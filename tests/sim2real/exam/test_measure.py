@@ -1,7 +1,5 @@
 """The exam's own measure: positions are compared at the moment when they were read."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Which effects pass for another: found by fitting each alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

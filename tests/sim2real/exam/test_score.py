@@ -1,7 +1,5 @@
 """Scoring: made-up answers against made-up keys, rule by rule."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -9,16 +7,7 @@ import numpy as np
 import pytest
 
 from sim2real.exam import matrix
-from sim2real.exam.score import (
-    Mark,
-    calibration,
-    cases,
-    failures,
-    mark,
-    median,
-    summary,
-    wilson,
-)
+from sim2real.exam.score import Mark, calibration, cases, failures, mark, median, summary, wilson
 
 JOINTS, BODIES = ["shoulder", "elbow"], {"upper": "shoulder", "fore": "elbow"}
 

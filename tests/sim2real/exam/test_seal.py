@@ -1,7 +1,5 @@
 """The seal: keys that were touched are refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

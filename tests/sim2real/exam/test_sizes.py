@@ -1,7 +1,5 @@
 """Sizes of hidden effects: the search on a gap that is known."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

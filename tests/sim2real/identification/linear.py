@@ -1,7 +1,5 @@
 """A closed-form provider: readings are linear in the parameters, so that truth is known exactly."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Bayesian optimization: a bowl in few calls, the same from the same seed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """DROPO finds the Gaussian that transitions were drawn from: on a batched toy, on public data."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

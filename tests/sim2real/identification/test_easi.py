@@ -1,7 +1,5 @@
 """Scores of transitions and EASI: a pendulum's length from rollouts that are not aligned."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

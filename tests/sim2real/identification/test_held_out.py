@@ -1,7 +1,5 @@
 """What is held out, and how wide the band of draws is: against closed forms."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

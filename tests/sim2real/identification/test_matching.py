@@ -4,8 +4,6 @@ The emulated robot's servo, friction and bus follow laws of their own; the linea
 closed form.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A few steps from the middle of the prior to a simulated robot's parameters."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

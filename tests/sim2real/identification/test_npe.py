@@ -1,7 +1,5 @@
 """Neural posterior estimation beside a posterior in closed form, and its calibration by ranks."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """SimOpt: rounds find what one round misses, stop where nothing moves, and go on when stopped."""
 
-from __future__ import annotations
-
 import csv
 import logging
 from dataclasses import replace

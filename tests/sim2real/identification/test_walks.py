@@ -1,7 +1,5 @@
 """Robots whose base nobody measured: encoders, an IMU and feet on the ground."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

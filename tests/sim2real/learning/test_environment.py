@@ -1,7 +1,5 @@
 """The environment of a run: its transforms, its robots, and what does not fit together."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal

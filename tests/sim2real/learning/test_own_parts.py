@@ -1,7 +1,5 @@
 """A user's own transform, actor and loss, from a folder outside the repository."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Running normalization of a batched environment: what is counted, and how often."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import torch

@@ -1,7 +1,5 @@
 """Training on MuJoCo Warp, on its CPU device: a population's episodes, and PPO's iterations."""
 
-from __future__ import annotations
-
 import os
 from functools import partial
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """BayRn: it finds the distribution that trains best, from returns alone, and resumes."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """When a loop ends, what its operator says, and what its simulators draw."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -112,9 +110,7 @@ class Blind(EmulatedBody):
         self._names = value
 
 
-def test_where_nothing_tracks_the_robot_its_operator_measures(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_where_nothing_tracks_the_robot_its_operator_measures(tmp_path: Path, monkeypatch) -> None:
     """The distance is added to each episode, and the simulator's return is of the same kind."""
     words = ["env=quad8", "env.task.seconds=0.4", "policy=linear", "algorithm.num_rows=4"]
     _, given = instantiate(compose(words), tmp_path)

@@ -1,7 +1,5 @@
 """An investigation goes on while motions can part what is left, and says why it ends."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

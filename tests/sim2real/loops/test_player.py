@@ -1,7 +1,5 @@
 """A trained policy plays in its simulator: with the robot's effect it does what the robot does."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Checkpoints: exact, whole or absent, suspicious of damage and of strangers."""
 
-from __future__ import annotations
-
 import errno
 import json
 import pickle

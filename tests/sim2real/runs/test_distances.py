@@ -1,7 +1,5 @@
 """Distances of samples in groups, against a library's and what is known of normal samples."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

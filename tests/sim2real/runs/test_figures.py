@@ -1,7 +1,5 @@
 """Pictures show what they should: the numbers, the frame, the units, and the interval."""
 
-from __future__ import annotations
-
 import colorsys
 import re
 from pathlib import Path

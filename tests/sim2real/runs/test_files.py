@@ -1,7 +1,5 @@
 """Files are whole or absent, have the permissions of any other file; a folder has one holder."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -27,9 +25,7 @@ def _effects(path: Path) -> None:
 
 
 @pytest.mark.parametrize("write", [lambda path: write_text(path, "a"), _effects])
-def test_files_have_the_permissions_of_any_other(
-    tmp_path: Path, write: Callable[[Path], object]
-) -> None:
+def test_files_have_the_permissions_of_any_other(tmp_path, write: Callable[[Path], object]) -> None:
     """The umask decides: what a group may read, it may read here too."""
     before = os.umask(0o027)
     try:

@@ -1,7 +1,5 @@
 """Metrics reach their places; a place that is not there is refused before any work."""
 
-from __future__ import annotations
-
 import importlib.util
 from functools import partial
 from pathlib import Path
@@ -75,9 +73,7 @@ def test_a_service_that_is_down_is_said(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("kind", "extra"), [(WandB, "wandb"), (MLflow, "mlflow")])
-def test_a_missing_package_names_its_extra(
-    kind: Any, extra: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_package_names_its_extra(kind: Any, extra: str, monkeypatch) -> None:
     """Without its package a logger cannot be made, and the sentence says what to install."""
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(LoggerError, match=rf"sim2real\[{extra}\]"):

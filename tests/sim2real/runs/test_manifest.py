@@ -1,7 +1,5 @@
 """manifest.json says with what, from what and on what a run was made."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Tables of a run's numbers."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from sim2real.runs.metrics import MetricsFile

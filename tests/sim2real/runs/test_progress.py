@@ -1,18 +1,12 @@
 """What a person sees of a job, in a terminal and elsewhere."""
 
-from __future__ import annotations
-
 import io
 import logging
-
-import pytest
 
 from sim2real.runs.progress import Progress, format_duration
 
 
-def test_progress_without_a_terminal_is_a_line_now_and_then(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+def test_progress_without_a_terminal_is_a_line_now_and_then(caplog) -> None:
     """The line has iterations, return, speed and the time left; it is not written every time."""
     with (
         caplog.at_level(logging.INFO),

@@ -1,7 +1,5 @@
 """Settings of runs that were made at different times are compared by what they mean."""
 
-from __future__ import annotations
-
 from sim2real.runs.settings import decisive
 
 

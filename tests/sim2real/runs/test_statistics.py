@@ -1,7 +1,5 @@
 """Statistics agree with closed forms, cover what they promise, and refuse what has no answer."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats as scipy_stats

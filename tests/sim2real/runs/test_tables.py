@@ -1,7 +1,5 @@
 """Tables say the same to a person in Markdown and to a program in CSV."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Colours of a terminal, and pages in a browser."""
 
-from __future__ import annotations
-
 import io
 import webbrowser
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The exam from end to end, with a diagnosis that is told the truth, or nothing."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import time
@@ -102,9 +100,7 @@ def test_an_exam_goes_on_where_it_stopped(exam, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_answered_is_scored_and_called_a_part(
-    exam, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_answered_is_scored_and_called_a_part(exam, tmp_path: Path, monkeypatch) -> None:
     """`most` cases are asked and no more; the tables say how many of how many there are."""
     out, marks = exam
     part = tmp_path / "part"
@@ -121,18 +117,11 @@ def test_what_is_answered_is_scored_and_called_a_part(
     assert not json.loads((part / "score.json").read_text())["partial"]
 
 
-def test_a_block_is_sealed_before_its_first_question(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_block_is_sealed_before_its_first_question(tmp_path: Path, monkeypatch) -> None:
     """Two are made, sealed and asked, then the next one; whoever stops has made no more."""
     told: list[str] = []
 
-    class Fake:
-        longest, block = 60.0, 2
-
-        def __init__(self, most: int | None) -> None:
-            self.most = most
-
+    class Fake(blindcheck.Examiner):
         def draw(self, seed: int) -> list[Outline]:
             return [Outline(f"case_{i:03d}", "none", "bench1", (), i) for i in range(3)]
 
@@ -142,26 +131,21 @@ def test_a_block_is_sealed_before_its_first_question(
             write_text(key / KEY, "{}")
             return True
 
-        def report(self, folder: Path, drawn: int, seed: int) -> list:
-            raise NotImplementedError("nothing is scored")
-
     def ask(logs: Path, answer: Path, longest: float) -> None:
         assert logs.name in seal.cases(logs.parent)
         told.append(f"asked {logs.name}")
         write_text(answer / "report.json", "{}")
 
     monkeypatch.setattr(blindcheck, "ask", ask)
-    fake = Fake(None)
-    blindcheck.hold(Fake(1), fake.draw(0), tmp_path)
+    fake = Fake(longest=60.0, block=2)
+    blindcheck.hold(replace(fake, most=1), fake.draw(0), tmp_path)
     assert told == ["made case_000", "made case_001", "asked case_000"]
     blindcheck.hold(fake, fake.draw(0), tmp_path)
     assert told[3:] == ["asked case_001", "made case_002", "asked case_002"]
 
 
 @pytest.mark.slow
-def test_after_ctrl_c_what_is_answered_is_scored(
-    exam, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_after_ctrl_c_what_is_answered_is_scored(exam, tmp_path: Path, monkeypatch) -> None:
     """The tables are there, and the interrupt goes on to whoever called."""
     out, _ = exam
     part = tmp_path / "part"

@@ -1,7 +1,5 @@
 """The verb `compare`: its files, its exit status, and what it refuses."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path
@@ -43,9 +41,7 @@ def test_a_guard_ends_with_its_answer(tmp_path: Path, monkeypatch: pytest.Monkey
         (["before=log.csv", "units=[log.csv,log.csv,log.csv]"], "leave before= and after= out"),
     ],
 )
-def test_one_side_is_not_enough(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], said: str
-) -> None:
+def test_one_side_is_not_enough(tmp_path: Path, monkeypatch, words: list[str], said: str) -> None:
     """A sentence before anything is simulated."""
     monkeypatch.chdir(tmp_path)
     write_log("log.csv", driven(seconds=4.0))

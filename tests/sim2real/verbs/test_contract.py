@@ -1,7 +1,5 @@
 """The verb `contract`: on logs of a robot and of others, its files and its exit status."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path
@@ -17,9 +15,9 @@ from hardware.exported import ExportedPolicy
 from hardware.log import Log, read_log, write_log
 from hardware.rows import RobotRows
 from sim2real import __main__ as program
-from sim2real.config.compose import compose, instantiate
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.diagnosis.contract.walk import ABOUT, walk
+from tests.sim2real.trained import run_verb
 
 
 @pytest.fixture(scope="module")
@@ -37,8 +35,7 @@ def logged(tmp_path_factory) -> Path:
 
 def run(out: Path, *overrides: str):
     """Run the verb with overrides."""
-    verb, arguments = instantiate(compose(["run=contract", *overrides]), out)
-    return verb(**arguments)
+    return run_verb(["run=contract", *overrides], out)
 
 
 def test_a_robots_own_log_says_what_it_is_of(logged, tmp_path):

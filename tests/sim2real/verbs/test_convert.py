@@ -1,21 +1,18 @@
 """The verb `convert`: any log as ours, or a first mapping of its columns."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
 
 from hardware.log import read_log
-from sim2real.config.compose import compose, instantiate
 from sim2real.runs.errors import Sim2RealError
 from tests.hardware.formats.recorded import mcap, run
+from tests.sim2real.trained import run_verb
 
 
 def convert(out: Path, *words: str) -> list[Path]:
     """Convert as the command line does."""
-    verb, arguments = instantiate(compose(["run=convert", *words]), out)
-    return verb(**arguments)
+    return run_verb(["run=convert", *words], out)
 
 
 def test_a_recording_of_messages_becomes_a_csv(tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """The log of the diagnosis's demo is what its recipe makes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +8,7 @@ import yaml
 
 from hardware.assets import ASSETS
 from hardware.log import read_logs
-from sim2real.config.compose import compose, instantiate
+from tests.sim2real.trained import run_verb
 
 DEMO = ASSETS / "demo" / "arm2.csv"
 
@@ -18,8 +16,7 @@ DEMO = ASSETS / "demo" / "arm2.csv"
 @pytest.mark.slow
 def test_the_shipped_log_is_made_by_its_experiment(tmp_path: Path) -> None:
     """Recording the emulated arm with what it hides gives the same rows, to rounding."""
-    verb, arguments = instantiate(compose(["+experiment=record_demo"]), tmp_path)
-    again = verb(**arguments)
+    again = run_verb(["+experiment=record_demo"], tmp_path)
     (shipped,) = read_logs(str(DEMO))
     assert list(again.columns) == list(shipped.columns)
     for name, values in shipped.columns.items():
@@ -37,8 +34,7 @@ def test_the_shipped_log_names_its_robot_and_not_what_it_hides() -> None:
 @pytest.mark.slow
 def test_the_demo_names_what_the_arm_hides(tmp_path: Path) -> None:
     """Both effects at their places, values near, hardly a gap left; the page says so."""
-    verb, arguments = instantiate(compose(["+experiment=diagnose_demo"]), tmp_path)
-    report = verb(**arguments)
+    report = run_verb(["+experiment=diagnose_demo"], tmp_path)
     hidden = yaml.safe_load(DEMO.with_name("answer.yaml").read_text(encoding="utf-8"))
     found = {(cause.effect, cause.where): cause for cause in report.causes}
     assert report.verdict == "explained"

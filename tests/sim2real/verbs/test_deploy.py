@@ -1,7 +1,5 @@
 """Deploying: the policy on the emulated robot, adapting there, interrupted and gone on."""
 
-from __future__ import annotations
-
 import csv
 import json
 import logging
@@ -32,7 +30,7 @@ from sim2real.runs.checkpoint import find
 from sim2real.runs.errors import RunInterrupted, Sim2RealError
 from sim2real.verbs import contract, replay
 from sim2real.verbs import deploy as verb
-from tests.sim2real.trained import SMALL_ES, SMALL_PPO, note_worlds, train
+from tests.sim2real.trained import SMALL_ES, SMALL_PPO, note_worlds, run_verb, train
 
 CLIMB = ["adapt=hillclimb", "adapt.queries=3", "adapt.sigma=0.3"]
 
@@ -197,8 +195,7 @@ def test_an_actor_with_a_memory_adapts_on_the_robot(tmp_path):
 def test_a_policy_of_ppo_brings_its_normalizer(tmp_path, monkeypatch):
     """On the robot the network sees what it saw in training: mean and deviation taken out."""
     run = train(tmp_path / "run", SMALL_PPO)
-    verb, arguments = instantiate(compose(SMALL_PPO), tmp_path / "again")
-    learner = verb(**arguments)  # the same seed gives the same policy
+    learner = run_verb(SMALL_PPO, tmp_path / "again")  # the same seed gives the same policy
     taken, pairs = RowsEnv.taken, []
 
     def noted(self: RowsEnv, tensordict: TensorDictBase) -> np.ndarray:

@@ -1,7 +1,5 @@
 """The verb diagnose on logs of the emulated bench, whose hidden effect it is never told."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from itertools import combinations

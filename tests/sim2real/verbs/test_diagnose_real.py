@@ -1,7 +1,5 @@
 """A real servo whose data sheet is wrong: what a diagnosis of its logs says."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
@@ -11,12 +9,7 @@ from hardware.log import read_logs
 from sim2real.diagnosis.diagnose import diagnose
 
 DATA = os.environ.get("SIM2REAL_DATA")
-FRICTION = {
-    "coulomb_friction",
-    "viscous_friction",
-    "stribeck_friction",
-    "load_dependent_friction",
-}
+FRICTION = {"coulomb_friction", "viscous_friction", "stribeck_friction", "load_dependent_friction"}
 
 
 @pytest.mark.slow

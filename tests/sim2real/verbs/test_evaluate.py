@@ -1,7 +1,5 @@
 """Evaluation runs every cell fairly and repeatably, and reports what it ran."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -18,7 +16,7 @@ from sim2real.config.compose import compose, instantiate
 from sim2real.evaluation.evaluate import Evaluation, find_runs, report, run_cells
 from sim2real.evaluation.grid import Grid
 from sim2real.learning.adapt import Adaptation, HillClimb, NoAdaptation
-from sim2real.learning.algorithms.base import Algorithm, Components, build
+from sim2real.learning.algorithms.base import Algorithm, Components
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.modules.acting import Acting
 from sim2real.learning.modules.mlp_policy import MLPPolicy
@@ -32,6 +30,7 @@ from sim2real.learning.population.population import (
 )
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
+from tests.sim2real.trained import make_learner, run_verb
 
 GOALS = Grid(
     [
@@ -239,9 +238,8 @@ def test_the_verb_puts_trained_runs_into_one_table(tmp_path: Path) -> None:
     small = ["algorithm.pairs=2", "algorithm.num_rows=16", "adapt.queries=2"]
     for seed in (3, 4):
         own = [f"seed={seed}", "iterations=1", "eval=none"]
-        verb, arguments = instantiate(compose(["+experiment=nav2d", *small, *own]), tmp_path)
         out = tmp_path / "sweep" / str(seed)
-        learner = verb(**arguments | {"out": out})
+        learner = run_verb(["+experiment=nav2d", *small, *own], out)
         (out / "manifest.json").write_text(json.dumps({"seed": seed}), encoding="utf-8")
     again = ["run=evaluate", f"checkpoint={tmp_path / 'sweep'}", "eval.adaptations=1"]
     verb, arguments = instantiate(compose(["+experiment=nav2d", *small, *again]), tmp_path / "out")
@@ -255,27 +253,22 @@ def test_the_verb_puts_trained_runs_into_one_table(tmp_path: Path) -> None:
     assert "bootstrap over 2 training runs" in (tmp_path / "out" / "table.md").read_text("utf-8")
 
 
-def test_all_runs_are_checked_before_the_first_is_evaluated(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_all_runs_are_checked_before_the_first_is_evaluated(tmp_path: Path, monkeypatch) -> None:
     """A run of another task among them is refused at once, whatever its place."""
     small = ["algorithm.pairs=2", "algorithm.num_rows=16", "adapt.queries=2", "policy=linear"]
     for name in ("nav2d", "corners4"):
         own = [f"+experiment={name}", "iterations=1", "eval=none"]
-        verb, arguments = instantiate(compose([*small, *own]), tmp_path)
-        verb(**arguments | {"out": tmp_path / name})
+        run_verb([*small, *own], tmp_path / name)
     again = ["run=evaluate", f"checkpoint=[{tmp_path / 'nav2d'},{tmp_path / 'corners4'}]"]
-    verb, arguments = instantiate(compose(["+experiment=nav2d", *small, *again]), tmp_path / "out")
     monkeypatch.setattr(Evaluation, "assess", lambda *_: pytest.fail("the first was evaluated"))
     with pytest.raises(Sim2RealError, match="corners4"):
-        verb(**arguments)
+        run_verb(["+experiment=nav2d", *small, *again], tmp_path / "out")
 
 
 def test_a_policy_that_does_not_adapt_is_scored_in_every_cell(tmp_path: Path) -> None:
     """An untrained PPO policy, near 0 everywhere: each goal's score is that of standing still."""
     words = ["env=nav2d", "params=goals", "algorithm=ppo", "eval=grid_goals"]
-    _, arguments = instantiate(compose(words), tmp_path)
-    learner = build(arguments["algorithm"], arguments["parts"])
+    learner = make_learner(words, tmp_path)
     scores = run_cells(learner, evaluation(episodes=3, adaptations=2), 0, "run")
     still = run_cells(Still(NoAdaptation()), evaluation(episodes=3, adaptations=2), 0, "run")
     assert scores.adaptation_episodes == 0 and scores.after.shape == (1, 6, 2)
@@ -289,8 +282,7 @@ def test_every_operator_adapts_every_policy(trainer: str, tmp_path: Path) -> Non
     """The actor of PPO and of SAC is a vector, too; the same seed adapts it alike."""
     words = ["env=nav2d", "env.max_steps=20", "params=goals", f"algorithm={trainer}"]
     words.append("policy.actor.num_cells=[16]")
-    _, arguments = instantiate(compose(words), tmp_path)
-    learner = build(arguments["algorithm"], arguments["parts"])
+    learner = make_learner(words, tmp_path)
     asked = evaluation(episodes=1, adaptations=1)
     for name in ("hillclimb", "average", "batch", "gradient"):
         adapt = instantiate(compose([*words, f"adapt={name}"]), tmp_path)[1]["parts"].adapt
@@ -308,8 +300,7 @@ def test_a_policy_in_a_population_gets_what_it_gets_alone(tmp_path: Path) -> Non
     """The same parameters under the same seeds, transforms with frozen statistics included."""
     words = ["env=hopper", "params=mass_friction", "algorithm=ppo", "algorithm.num_rows=4"]
     words += ["algorithm.steps=64", "env.task.max_steps=60"]
-    _, arguments = instantiate(compose(words), tmp_path)
-    learner = build(arguments["algorithm"], arguments["parts"])
+    learner = make_learner(words, tmp_path)
     learner.iterate()
     trained = learner.trained()
     values = np.array([[1.0, 2.0], [4.0, 1.5], [8.0, 2.5]])
@@ -331,8 +322,7 @@ def test_ppo_adapts_what_ppo_trained_by_its_critic(tmp_path: Path) -> None:
     """
     words = ["env=nav2d", "env.max_steps=20", "params=goals", "algorithm=ppo"]
     words += ["policy.actor.num_cells=[16]", "adapt.rounds=2", "adapt.steps=30", "adapt=ppo"]
-    _, arguments = instantiate(compose([*words, "run=evaluate", "checkpoint=none"]), tmp_path)
-    learner = build(arguments["algorithm"], arguments["parts"], adapts=False)
+    learner = make_learner([*words, "run=evaluate", "checkpoint=none"], tmp_path, adapts=False)
     learner.iterate()
     critic = learner.trained().critic
     assert critic is not None and critic.unit != 1.0

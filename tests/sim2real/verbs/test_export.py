@@ -1,7 +1,5 @@
 """Exported policies: the same actions from torch.export and NumPy, without TorchRL or torch."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

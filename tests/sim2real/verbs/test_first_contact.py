@@ -1,7 +1,5 @@
 """A stranger's log in each format: converted and replayed by what messages say, as typed."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -165,9 +163,7 @@ def test_a_table_is_mapped_by_its_guess(write: Callable[[Path, Log], Path], tmp_
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("write", [lerobot, lerobot_v21])
-def test_a_data_set_of_lerobot_is_replayed(
-    write: Callable[[Path, Log], Path], tmp_path: Path
-) -> None:
+def test_a_data_set_of_lerobot_is_replayed(write: Callable[[Path, Log], Path], tmp_path) -> None:
     """As it is, since it says what its columns are."""
     (tmp_path / "arm.xml").write_text(MODEL)
     write(tmp_path / "set", run())

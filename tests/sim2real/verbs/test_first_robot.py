@@ -1,7 +1,5 @@
 """The page on the first real robot, as it is typed: from servos with ID 1 to a diagnosed log."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex
@@ -21,9 +19,9 @@ from hardware.command_line import parse_keys
 from hardware.config import Robot, load_robot
 from hardware.robot_files import ROBOTS
 from sim2real.config.arguments import as_overrides
-from sim2real.config.compose import compose, instantiate
 from tests.hardware.person import places_of
 from tests.hardware.test_wizard import Desk as VirtualDesk
+from tests.sim2real.trained import run_verb
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGE = ROOT / "docs" / "how-to" / "first_robot.md"
@@ -175,9 +173,7 @@ ROBOTS_TRIED = ["arm6", pytest.param("koch", marks=KOCH)]
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", ROBOTS_TRIED)
-def test_the_page_in_virtual_time(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_page_in_virtual_time(name: str, tmp_path: Path, monkeypatch) -> None:
     """The page line by line, its port in this process: no machine is too busy for it."""
     monkeypatch.chdir(tmp_path)
     lines, robot = lines_for(name, tmp_path)
@@ -193,8 +189,7 @@ def test_the_page_in_virtual_time(
             overrides = as_overrides(words[1:])
             out = next(o.partition("=")[2] for o in overrides if o.startswith("hydra.run.dir="))
             kept = [o for o in overrides if not o.startswith("hydra.run.dir=")]
-            verb, arguments = instantiate(compose(kept), Path(out))
-            verb(**arguments)
+            run_verb(kept, Path(out))
         else:
             assert commands.main(words[3:], desk.person) == 0, line
     assert not desk.world.firmware.torque_on.any()
@@ -204,9 +199,7 @@ def test_the_page_in_virtual_time(
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", ROBOTS_TRIED)
-def test_the_page_as_it_is_typed(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_page_as_it_is_typed(name: str, tmp_path: Path, monkeypatch) -> None:
     """The page alone in two terminals, in real time over the device file."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(ROOT))

@@ -1,7 +1,5 @@
 """The verb identify: from a log to distribution.yaml, which training takes; and what is refused."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -168,9 +166,7 @@ def test_a_diagnosis_is_a_prior(tmp_path: Path, log: Path) -> None:
     ],
     ids=["none", "two", "unknown", "empty", "no width", "no state"],
 )
-def test_what_cannot_work_is_refused(
-    tmp_path: Path, log: Path, changes: dict, message: str
-) -> None:
+def test_what_cannot_work_is_refused(tmp_path, log: Path, changes: dict, message: str) -> None:
     """A sentence each, before any work: nothing is written."""
     with pytest.raises(Sim2RealError, match=message):
         go(tmp_path / "out", log, **changes)

@@ -1,7 +1,5 @@
 """The loop in one command, with a diagnosis that is given: its rounds, its ends, its resuming."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -14,14 +12,13 @@ import yaml
 from envs.distribution_file import read
 from envs.effects import load_effects, make, write_effects
 from hardware.log import read_logs, write_log
-from sim2real.config.compose import compose, instantiate
 from sim2real.deployment.trained import load_policy
 from sim2real.diagnosis.report import text
 from sim2real.loops.improve import checks, improve, steps
 from sim2real.loops.improve.improve import Improvement
 from sim2real.runs.checkpoint import read_metadata
 from sim2real.runs.errors import RunInterrupted, Sim2RealError
-from tests.sim2real.trained import SMALL_ES, train
+from tests.sim2real.trained import SMALL_ES, run_verb, train
 
 WEAK = 0.3  # of the motor's torque, as the robot has it
 FOUND = (0.29, 0.31)  # what the diagnosis says: a 90 % interval about 0.3
@@ -73,8 +70,7 @@ def go(run: Path, out: Path, *text: str, **changes: Any) -> Improvement:
     (out / ".hydra").mkdir(parents=True, exist_ok=True)
     given = [word for word in yaml.safe_load((run / ".hydra" / "overrides.yaml").read_text())]
     (out / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump([*given, *line]))
-    verb, arguments = instantiate(compose(line), out)
-    return verb(**(arguments | changes))
+    return run_verb(line, out, **changes)
 
 
 def told(out: Path) -> dict[str, Any]:
@@ -159,9 +155,7 @@ def test_a_loop_that_was_killed_ends_alike(
 
 
 @pytest.mark.slow
-def test_logs_of_a_robot_that_is_elsewhere(
-    run: Path, tmp_path: Path, diagnosed: list[list[Any]]
-) -> None:
+def test_logs_of_a_robot_that_is_elsewhere(run: Path, tmp_path, diagnosed: list[list[Any]]) -> None:
     """Its logs take the place of the first deployment; nothing moves, and the policy is trained."""
     go(run, tmp_path / "made", hidden(tmp_path), "rounds=1")
     logs = tmp_path / "made" / "round_0" / "deploy" / "logs"
@@ -224,9 +218,7 @@ def test_what_cannot_be_is_refused_before_anything_moves(
     assert not (tmp_path / "out" / "round_0").exists()
 
 
-def test_the_operator_s_no_moves_nothing(
-    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_operator_s_no_moves_nothing(run: Path, tmp_path: Path, monkeypatch) -> None:
     """A real robot's port is not even opened; nobody at the terminal is a no, too."""
     asked: list[str] = []
 

@@ -1,7 +1,5 @@
 """Improve by returns: trainings under distributions, judged on a target or on the emulated bus."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -81,9 +79,7 @@ def test_what_cannot_be_searched_is_refused(tmp_path: Path) -> None:
         go(tmp_path, "env=hopper2", "params=hopper2_dr", "robot=hopper2", "port=/dev/there-is-none")
 
 
-def test_an_operator_s_no_ends_it(
-    tmp_path: Path, worlds: list[Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_operator_s_no_ends_it(tmp_path: Path, worlds: list[Any], monkeypatch) -> None:
     """A real robot is asked for before each deployment; what was trained stays."""
     monkeypatch.setattr("builtins.input", lambda question: "n")
     words = ("env=hopper2", "params=hopper2_dr", "robot=hopper2", "env.task.seconds=0.4")

@@ -1,7 +1,5 @@
 """The loop on a robot behind a serial port, in real time: asked before it moves, gone on with."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

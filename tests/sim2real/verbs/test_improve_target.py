@@ -1,7 +1,5 @@
 """A task that stands for the robot in `improve`: its episodes, their replays, and a round."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 
@@ -91,9 +89,7 @@ def go(policy: Path, out: Path, *words: str) -> Improvement:
 
 
 @pytest.mark.slow
-def test_the_torsos_kilogram_is_named_and_trained_with(
-    policy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_torsos_kilogram_is_named_and_trained_with(policy: Path, tmp_path, monkeypatch) -> None:
     """link_mass at the torso, within 5 %, and nothing else; the simulator then pays as the target.
 
     A loop that is started again does nothing twice.

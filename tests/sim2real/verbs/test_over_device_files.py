@@ -1,7 +1,5 @@
 """The verbs at device files, in real time, beside programs that are not ours."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from collections.abc import Callable
@@ -13,9 +11,8 @@ import pytest
 
 from hardware.errors import HardwareError
 from hardware.log import read_log, read_logs
-from sim2real.config.compose import compose, instantiate
 from tests.hardware.test_main import emulated, patiently
-from tests.sim2real.trained import train
+from tests.sim2real.trained import run_verb, train
 
 SO101 = str(Path(__file__).parents[2] / "hardware" / "so101.xml")
 HIDDEN = """
@@ -32,8 +29,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 def go(out: Path, *words: str) -> Any:
     """Run a verb as the command line does."""
-    verb, arguments = instantiate(compose(list(words)), out)
-    return verb(**arguments)
+    return run_verb(list(words), out)
 
 
 def again(folder: Path, action: Callable[[Path], Any]) -> Any:

@@ -4,8 +4,6 @@ A verb, a collector or a verb of `python -m hardware` that comes without a case 
 test.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -87,6 +85,7 @@ PORTLESS = {  # verbs of python -m hardware, on the emulated robot; a person is 
     "write": (BENCH, "servo=hinge", "register=position_p_gain", "value=400"),
     "reboot": (BENCH, "servo=hinge"),
     "torque": (BENCH,),
+    "nominal": (BENCH, "file=with_servos.xml"),
     "pack": ("folder=recording", "file=packed.zip"),
     "emulate": (BENCH, "seconds=1"),
 }

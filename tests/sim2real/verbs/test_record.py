@@ -1,7 +1,5 @@
 """The verb record, on the emulated robot, and what replay makes of its logs."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The verb replay, on logs that a model made itself and on real ones."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -142,9 +140,7 @@ def test_the_end_names_joints_and_units(tmp_path: Path, caplog: pytest.LogCaptur
     assert re.search(r"rmse 0\.0\d+ rad or m over 1 logs: hinge 0\.0\d+", caplog.text)
 
 
-def test_a_mistake_of_the_log_is_said_first(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_mistake_of_the_log_is_said_first(tmp_path: Path, caplog) -> None:
     """Degrees give an error of 38 rad, and the sentence that says why."""
     log = read_logs(make_log(tmp_path, 0.0))[0]
     turned = {n: np.rad2deg(v) for n, v in log.columns.items() if n[:5] in ("qpos.", "ctrl.")}

@@ -1,7 +1,5 @@
 """The report puts runs into the tables that it names, with the study's figures beside them."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 from typing import Any
@@ -11,7 +9,7 @@ import pytest
 import yaml
 
 from sim2real.config.catalogue import CONF, options
-from sim2real.config.compose import ConfigError, compose, instantiate
+from sim2real.config.compose import ConfigError, compose
 from sim2real.evaluation import report
 from sim2real.evaluation import study_plots as report_plots
 from sim2real.evaluation.hypotheses import Claim
@@ -19,6 +17,7 @@ from sim2real.evaluation.study import Study, collect
 from sim2real.runs.errors import Sim2RealError
 from sim2real.verbs import report as verb
 from tests.sim2real.made_runs import make_run
+from tests.sim2real.trained import run_verb
 
 EXPECT: dict[str, Any] = {
     "figures": [{"when": {"params.width": 0.1}, "target": [1470.0, 72.0]}],
@@ -63,8 +62,7 @@ def rows(path: Path) -> list[dict[str, str]]:
 def test_everything_that_it_promises_is_there(runs: Path, tmp_path: Path) -> None:
     """Tables, verdicts and pictures, from the command's own arguments."""
     out = tmp_path / "report"
-    verb, arguments = instantiate(compose(["run=report", f"runs={runs}"]), out)
-    (verdict,) = verb(**arguments)
+    (verdict,) = run_verb(["run=report", f"runs={runs}"], out)
     assert (verdict.verdict, verdict.claim.text) == ("held", "a tenth helps")
     page = (out / "report.md").read_text(encoding="utf-8")
     titles = [line for line in page.splitlines() if line.startswith("## ")]

@@ -1,7 +1,5 @@
 """A run that is killed and resumed computes, bit for bit, what an uninterrupted one does."""
 
-from __future__ import annotations
-
 import multiprocessing
 import runpy
 import signal

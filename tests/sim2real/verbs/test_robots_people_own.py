@@ -1,7 +1,5 @@
 """The robots that people own, from a scan to torque off, on the emulator in virtual time."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -17,9 +15,8 @@ from hardware.emulator.world import EmulatedRobot
 from hardware.log import read_log
 from hardware.nominal import write_nominal_model
 from hardware.stand import write_stand_model
-from sim2real.config.compose import compose, instantiate
 from tests.hardware.stand_ins import public_model
-from tests.sim2real.trained import train
+from tests.sim2real.trained import run_verb, train
 
 DELAY = 0.03  # s
 FRICTION = {  # which joint rubs, and how much [N·m]: a fifth of what its servo stalls at, or less
@@ -52,8 +49,7 @@ def worlds(monkeypatch: pytest.MonkeyPatch) -> list[EmulatedRobot]:
 
 def go(out: Path, *words: str) -> Any:
     """Run a verb as the command line does."""
-    verb, arguments = instantiate(compose(list(words)), out)
-    return verb(**arguments)
+    return run_verb(list(words), out)
 
 
 def hung(name: str, folder: Path) -> Robot:

@@ -1,7 +1,5 @@
 """The training loop on an algorithm of a few lines: files, signals, full disks, resuming."""
 
-from __future__ import annotations
-
 import csv
 import errno
 import logging
@@ -183,9 +181,7 @@ def test_ctrl_c_after_training_keeps_it(tmp_path: Path) -> None:
         go(tmp_path, eval=Interrupted())
 
 
-def test_a_full_disk_stops_the_run_in_a_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_stops_the_run_in_a_sentence(tmp_path: Path, monkeypatch) -> None:
     """What was written stays whole, and resuming with space again equals never stopping."""
 
     def full(*_: Any, **__: Any) -> None:
@@ -258,9 +254,7 @@ def test_a_folder_with_a_run_is_not_overwritten(tmp_path: Path) -> None:
         go(tmp_path)
 
 
-def test_without_graphics_a_run_goes_on_and_says_so(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_without_graphics_a_run_goes_on_and_says_so(tmp_path: Path, caplog) -> None:
     """A film that cannot be drawn is a line in the log, not the end of the run."""
 
     class Blind:

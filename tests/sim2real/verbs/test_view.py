@@ -1,7 +1,5 @@
 """The live view: everything but the window, and the film where there is no display."""
 
-from __future__ import annotations
-
 import time
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,11 +11,10 @@ import pytest
 from hardware.config import load_robot
 from hardware.emulator.world import EmulatedRobot
 from hardware.errors import RobotError
-from sim2real.config.compose import compose, instantiate
 from sim2real.deployment import view
 from sim2real.runs.errors import Sim2RealError
 from sim2real.verbs import view as verb
-from tests.sim2real.trained import SMALL_ES, train
+from tests.sim2real.trained import SMALL_ES, run_verb, train
 
 
 class Handle:
@@ -40,8 +37,7 @@ class Handle:
 def go(out: Path, *words: str, **changes: Any) -> Path | None:
     """View as the command line does."""
     overrides = ["run=view", "robot=bench1", "motions=[ramp]", "seconds=1.0", *words]
-    verb, arguments = instantiate(compose(overrides), out)
-    return verb(**(arguments | changes))
+    return run_verb(overrides, out, **changes)
 
 
 @pytest.fixture

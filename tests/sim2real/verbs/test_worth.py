@@ -1,7 +1,5 @@
 """The verb `worth`: its files, and what it refuses."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -11,7 +9,7 @@ import yaml
 from envs.errors import EnvsError
 from sim2real.config.compose import compose, instantiate
 from sim2real.runs.errors import Sim2RealError
-from tests.sim2real.trained import SMALL_ES, train
+from tests.sim2real.trained import SMALL_ES, run_verb, train
 
 WEAK = {"effect": "motor_strength", "where": "hinge", "value": 0.5, "ci": [0.4, 0.6]}
 RUBS = {"effect": "coulomb_friction", "where": "hinge", "value": 0.1}
@@ -28,8 +26,7 @@ def price(run: Path, out: Path, *entries: dict, words: tuple[str, ...] = ()) -> 
     out.mkdir(exist_ok=True)
     (out / "effects.yaml").write_text(yaml.safe_dump(list(entries)))
     given = [f"checkpoint={run}", f"effects={out / 'effects.yaml'}", "rollouts=4", *words]
-    verb, arguments = instantiate(compose(["run=worth", *given]), out)
-    verb(**arguments)
+    run_verb(["run=worth", *given], out)
 
 
 def test_a_diagnosis_and_a_policy_make_a_table_and_a_picture(run: Path, tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """Bench1: what it observes, and that the robot's limits hold in both fidelities."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The two fidelities: constants from registers, and how near the emulated bus each comes."""
 
-from __future__ import annotations
-
 import logging
 from typing import Any
 
@@ -49,10 +47,7 @@ def test_the_registers_give_the_models_own_actuators(task: ServoTask) -> None:
 def test_registers_scale_the_law() -> None:
     """Half the P gain halves the stiffness, half the PWM limit the torque; D gives damping."""
     models = []
-    for registers in (
-        {},
-        {"position_p_gain": 400, "pwm_limit": 442, "position_d_gain": 160},
-    ):
+    for registers in ({}, {"position_p_gain": 400, "pwm_limit": 442, "position_d_gain": 160}):
         models.append(Bench1("servo", robot_file("bench1", **registers)).spec().compile())
     full, half = models
     np.testing.assert_allclose(half.actuator_biasprm[0, 1], full.actuator_biasprm[0, 1] / 2)

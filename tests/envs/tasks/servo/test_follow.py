@@ -1,7 +1,5 @@
 """Follow: any arm on its sines, within its limits; the STS3215's constants from its registers."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco

@@ -1,7 +1,5 @@
 """Legs: what swing and bend mean in the models of the robots."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """The robots of conf/shift: the simulator and the emulated robot take the same files alike."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Legged robots: what they observe, earn and end by, and that a robot can compute it too."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable
 

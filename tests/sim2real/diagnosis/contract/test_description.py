@@ -103,7 +103,7 @@ BAD = {
     "a command of no size": (changed(observation=[{"term": "command"}]), "size None"),
     "a normalizer of one": (changed(normalizer={"mean": [0.0], "std": [1.0]}), "needs 5 numbers"),
     "an unknown base": (changed(base="leged_gym"), "did you mean 'legged_gym'"),
-    "a list": ("[1, 2]", "mapping of keys"),
+    "a list": ("[1, 2]", "expected a mapping"),
     "no YAML": ("a: [", "no YAML"),
     "a NaN": (changed(action={"scale": float("nan")}), "other than 0"),
 }

@@ -1,7 +1,5 @@
 """The bus's timing and counts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

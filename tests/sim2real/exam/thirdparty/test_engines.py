@@ -1,7 +1,5 @@
 """Engines that are built from compiled numbers."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import mujoco

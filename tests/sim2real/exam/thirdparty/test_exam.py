@@ -1,7 +1,5 @@
 """The exam on other engines: cases are drawn, made, sealed and scored."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Friction with bristles: what sticks, what slides, and how."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

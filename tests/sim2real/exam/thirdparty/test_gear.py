@@ -1,7 +1,5 @@
 """Play and springs between motor and link."""
 
-from __future__ import annotations
-
 import pytest
 
 from sim2real.exam.thirdparty.gear import Gear

@@ -1,7 +1,5 @@
 """A robot on its feet in Drake: it carries its weight, and slips where the ground is slippery."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

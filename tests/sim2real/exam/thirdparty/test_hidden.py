@@ -1,7 +1,5 @@
 """Hidden effects: each changes what it should, and nothing else."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Kinds of cases: what each of them draws."""
 
-from __future__ import annotations
-
 from itertools import islice
 
 import numpy as np

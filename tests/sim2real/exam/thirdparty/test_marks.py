@@ -1,13 +1,12 @@
 """Marks of the exam on other engines: each kind's rule, and the tables."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from sim2real.exam.score import failures
 from sim2real.exam.thirdparty import tables
 from sim2real.exam.thirdparty.marks import Mark, mark
 
@@ -113,20 +112,6 @@ def test_calibration_error() -> None:
     assert tables.calibration_error([]) is None
 
 
-def test_the_curve_of_an_earned_confidence_is_straight() -> None:
-    """As many are right as is said: x. All right that were named with 0.3: more than x."""
-    rng = np.random.default_rng(2)
-    one = mark(key("single", FRICTION), report("explained", FOUND))
-
-    def told(sure: np.ndarray, right: np.ndarray) -> tuple[float, float]:
-        pairs = zip(sure, right, strict=True)
-        return tables.curve([Mark(**{**vars(one), "confidence": s, "right": r}) for s, r in pairs])
-
-    sure = rng.uniform(0.1, 0.95, 2000)
-    assert told(sure, rng.random(2000) < sure) == pytest.approx((0.0, 1.0), abs=0.2)
-    assert told(np.full(20, 0.3), np.ones(20))[0] > 1.0
-
-
 def test_a_false_explanation_has_a_line_of_its_own() -> None:
     """A wrong first cause, or a law outside, that is called explained; what is open is none."""
     marks = [
@@ -150,7 +135,7 @@ def test_tables_count_each_effect_in_each_kind(tmp_path: Path) -> None:
     ]
     rows = {row[0]: row[1:] for row in tables.recall(marks).rows}
     assert rows == {"cable": (None, "1 of 1"), "coulomb_friction": ("1 of 2", None)}
-    assert len(tables.failures(marks).rows) == 1
+    assert len(failures(marks, "floors").rows) == 1
     figures = {row[0]: row[1] for row in tables.lines(marks).rows}
     assert figures["single: rank 1 right"] == 2
     kinds = tables.by_kind(marks, np.random.default_rng(0)).rows

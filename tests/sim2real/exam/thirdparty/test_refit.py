@@ -1,7 +1,5 @@
 """What the vocabulary makes of a law: one of its own is refitted, one outside is not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Robots in other engines: with nothing hidden they are what their models describe."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

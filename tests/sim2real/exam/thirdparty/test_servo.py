@@ -1,7 +1,5 @@
 """A servo's firmware and motor."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

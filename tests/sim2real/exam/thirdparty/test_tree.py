@@ -1,7 +1,5 @@
 """The bodies' numbers."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Walks in Drake: as the emulator's at first, with the channels of a robot that walks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Adaptation operators: they climb, they spend what they say, and a session resumes anywhere."""
 
-from __future__ import annotations
-
 import io
 from typing import Any, cast
 

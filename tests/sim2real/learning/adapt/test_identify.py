@@ -1,7 +1,5 @@
 """Identification as an adaptation: ask and tell, with logs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

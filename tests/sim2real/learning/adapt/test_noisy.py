@@ -1,7 +1,5 @@
 """Noisy returns: the operator hears them, nobody else; the errors follow their law."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

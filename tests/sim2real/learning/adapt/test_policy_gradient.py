@@ -1,7 +1,5 @@
 """Adaptation by a policy gradient: its advantages, its sessions, and what it refuses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -140,5 +138,5 @@ def test_what_cannot_be_is_refused_in_a_sentence() -> None:
         one.tell(0.0, episodes()[0])
     with pytest.raises(Sim2RealError, match="use adapt=gradient"):
         ADAPT.start_batch(theta[None], np.zeros((1, 0, len(theta))))
-    with pytest.raises(Sim2RealError, match=r"operator\.of\(actor\)"):
+    with pytest.raises(Sim2RealError, match=r"bind_policy\(actor\)"):
         ADAPT.start(theta, np.random.default_rng(0))

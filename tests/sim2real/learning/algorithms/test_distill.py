@@ -1,21 +1,18 @@
 """RMA's student: what it sees, that it learns, and that a resumed training is the same."""
 
-from __future__ import annotations
-
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from sim2real.config.compose import compose, instantiate
-from sim2real.learning.algorithms.base import Components, build
+from sim2real.learning.algorithms.base import Components
 from sim2real.learning.algorithms.distill import Distill
 from sim2real.learning.student import EstimateContext
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.errors import Sim2RealError
+from tests.sim2real.trained import make_learner
 
 WORDS = ["env=hopper", "params=mass_friction", "policy=mlp", "env.task.max_steps=30"]
 SMALL = ["algorithm.num_rows=4", "algorithm.shards=1", "algorithm.pairs=2"]
@@ -24,8 +21,8 @@ SETTINGS = {"num_rows": 6, "history": 4, "hidden": (16,), "learning_rate": 0.01}
 
 def teacher(*words: str) -> tuple[TrainedPolicy, Components]:
     """Return a policy that was not trained, and its parts."""
-    _, given = instantiate(compose([*WORDS, *SMALL, *words]), Path())
-    return build(given["algorithm"], given["parts"]).trained(), given["parts"]
+    made = make_learner([*WORDS, *SMALL, *words])
+    return made.trained(), made.parts
 
 
 @pytest.fixture(scope="module")

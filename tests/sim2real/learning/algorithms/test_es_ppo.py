@@ -1,7 +1,5 @@
 """Evolution strategies over policies that adapt by PPO: rows, shards, resuming, learning."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +11,7 @@ from torch import nn
 from torchrl.modules import MLP
 
 from envs.toys import AngleBias, BiasedCartPole
-from sim2real.config.compose import compose, instantiate
+from sim2real.config.compose import compose
 from sim2real.learning.adapt import HillClimb, NoAdaptation
 from sim2real.learning.algorithms.base import build
 from sim2real.learning.algorithms.esmaml import ESMAML
@@ -23,6 +21,7 @@ from sim2real.learning.population.remote import ClusterError, RemotePopulation
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.learning.adapt.test_ppo import ADAPT
 from tests.sim2real.learning.algorithms.test_esmaml import OPTIONS, SMALL, made
+from tests.sim2real.trained import make_learner
 
 NETWORK = partial(MLP, num_cells=[8], activation_class=nn.ReLU)
 POLICY = partial(actor_critic, actor=NETWORK, critic=NETWORK, log_std=0.5, orthogonal=False)
@@ -127,8 +126,7 @@ def test_the_experiments_search_the_whole_policy(name: str, tmp_path: Path) -> N
     few = ["algorithm.pairs=2", "algorithm.num_rows=4", "adapt.steps=16", "env.task.max_steps=12"]
     settings = compose([f"+experiment={name}"])["algorithm"]
     assert settings["pairs"] == {"es_ppo": 192, "es_ppo_lite": 64}[name]
-    _, given = instantiate(compose([f"+experiment={name}", *few, "logger=csv"]), tmp_path)
-    algorithm = build(given["algorithm"], given["parts"])
+    algorithm = make_learner([f"+experiment={name}", *few, "logger=csv"], tmp_path)
     for _ in range(2):
         metrics = algorithm.iterate()
     networks = [(11 + 1) * 128 + (128 + 1) * 64 + (64 + 1) * outputs for outputs in (3, 1)]

@@ -1,7 +1,5 @@
 """ES-MAML: it learns to adapt, counts its steps, resumes bit for bit, and obeys its options."""
 
-from __future__ import annotations
-
 import io
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """ES-MAML over actors of tensordict modules: perceptrons, networks of a user's, with a memory."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 
@@ -65,9 +63,7 @@ def made(policy: Any, adapt: Any = CLIMB, seed: int = 0, **changes: Any) -> ESMA
 
 @each_policy
 @pytest.mark.parametrize(
-    "transforms",
-    [pytest.param({}, marks=pytest.mark.slow), STACK],
-    ids=["plain", "stacked"],
+    "transforms", [pytest.param({}, marks=pytest.mark.slow), STACK], ids=["plain", "stacked"]
 )
 def test_an_actor_trains_and_resumes_bit_for_bit(policy: Any, transforms: Any) -> None:
     """Another seed, other rows and two shards: after the state is loaded, the same numbers."""

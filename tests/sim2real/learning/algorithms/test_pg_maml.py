@@ -1,7 +1,5 @@
 """PG-MAML: rows keep their tasks, it resumes, it adapts on Nav-2D, and what it refuses."""
 
-from __future__ import annotations
-
 import logging
 from pathlib import Path
 from typing import Any
@@ -14,14 +12,13 @@ from torch.nn.utils import parameters_to_vector
 
 from envs.toys import Corners
 from sim2real.config.compose import compose, instantiate
-from sim2real.learning.algorithms.base import build
 from sim2real.learning.algorithms.pg_maml import PGMAML
 from sim2real.learning.collectors.by_task import TaskActor, TaskBatch
 from sim2real.learning.modules.functional_actor import FunctionalActor
 from sim2real.runs.checkpoint import CheckpointStore, restore
 from sim2real.runs.errors import CheckpointError, Sim2RealError
 from sim2real.verbs import evaluate
-from tests.sim2real.trained import train
+from tests.sim2real.trained import make_learner, train
 
 SMALL = ("algorithm.task_batch=3", "adapt.trajectories=4", "algorithm.steps=15")
 SMALL += ("env.max_steps=15", "policy.actor.num_cells=[8]", "algorithm.fisher_states=60")
@@ -29,8 +26,7 @@ SMALL += ("env.max_steps=15", "policy.actor.num_cells=[8]", "algorithm.fisher_st
 
 def learner(*words: str, experiment: str = "nav2d_pg") -> PGMAML:
     """Return an untrained PG-MAML of Nav-2D with changes."""
-    _, given = instantiate(compose([f"+experiment={experiment}", *words]), Path())
-    made = build(given["algorithm"], given["parts"])
+    made = make_learner([f"+experiment={experiment}", *words])
     assert isinstance(made, PGMAML)
     return made
 

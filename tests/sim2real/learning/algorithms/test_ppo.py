@@ -1,7 +1,5 @@
 """PPO: what it computes, that it equals Stable-Baselines3, that it resumes, that it learns."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """SAC: that an update is Stable-Baselines3's, that it resumes, that it learns."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -103,9 +101,7 @@ class Given:
 @pytest.mark.skipif(not find_spec("stable_baselines3"), reason="needs stable-baselines3")
 @pytest.mark.parametrize("loss", ["sac", "fast_sac"])
 @pytest.mark.parametrize("still", ["critic", "actor"])
-def test_an_update_is_that_of_stable_baselines3(
-    loss: str, still: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_update_is_that_of_stable_baselines3(loss: str, still: str, monkeypatch) -> None:
     """From equal weights, transitions and noise: equal after a step of Adam, the target included.
 
     There the critics move before the actor is judged by them, here all moves at once; so each is

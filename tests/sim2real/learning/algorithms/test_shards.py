@@ -1,7 +1,5 @@
 """Rows over the cores of a machine."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import psutil
@@ -24,9 +22,7 @@ def test_all_cores_are_used_by_few_shards(
     assert layout(num_rows, cores) == expected
 
 
-def test_rows_are_split_over_the_shards_that_are_asked_for(
-    caplog: pytest.LogCaptureFixture,
-) -> None:
+def test_rows_are_split_over_the_shards_that_are_asked_for(caplog) -> None:
     """Every row has a place, the cores' threads are shared out, and the log says how."""
     environment = EnvironmentFactory(partial(MujocoEnv, task=Hopper()))
     with caplog.at_level("INFO", "sim2real.learning.algorithms.shards"):

@@ -1,7 +1,5 @@
 """TRPO: its step against a dense solution and sb3-contrib's, that it resumes, that it learns."""
 
-from __future__ import annotations
-
 import logging
 from functools import partial
 from importlib.util import find_spec

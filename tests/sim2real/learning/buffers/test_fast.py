@@ -1,7 +1,5 @@
 """The fast replay buffer against TorchRL's: the same minibatches."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The fast collector against TorchRL's: the same steps, to the last bit."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,17 +1,13 @@
 """The collector of several processes: batches that a seed repeats, a training, and a clean end."""
 
-from __future__ import annotations
-
 import multiprocessing
-from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 
-from sim2real.config.compose import compose, instantiate
-from sim2real.learning.algorithms.base import build
 from sim2real.runs.errors import Sim2RealError
+from tests.sim2real.trained import make_learner
 
 SMALL = ["env=nav2d", "params=goals", "algorithm=ppo_sb3", "collector=processes"]
 SMALL += ["algorithm.num_rows=4", "algorithm.steps=32", "algorithm.epochs=1"]
@@ -19,8 +15,7 @@ SMALL += ["algorithm.num_rows=4", "algorithm.steps=32", "algorithm.epochs=1"]
 
 def learner(*words: str) -> Any:
     """Return what trains in two processes."""
-    _, given = instantiate(compose([*SMALL, *words]), Path())
-    return build(given["algorithm"], given["parts"])
+    return make_learner([*SMALL, *words])
 
 
 @pytest.mark.slow

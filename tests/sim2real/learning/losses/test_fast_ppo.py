@@ -1,7 +1,5 @@
 """The fast loss of TRPO against TorchRL's: values and gradients, far from the policy that acted."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 from torchrl.objectives import PPOLoss

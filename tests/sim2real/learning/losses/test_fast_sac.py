@@ -1,7 +1,5 @@
 """The fast loss of SAC against TorchRL's: values and gradients, and what it refuses."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

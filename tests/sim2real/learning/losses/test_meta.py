@@ -1,7 +1,5 @@
 """The meta-objective: its gradient and its Fisher product, through the step of adaptation."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Policies of tensordict modules: memories, shared bodies, what does not fit."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A network in NumPy: its outputs and gradients against torch's own."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from typing import Any
 

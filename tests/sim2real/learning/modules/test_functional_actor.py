@@ -1,7 +1,5 @@
 """The normal law as a pure function: it is the actor; its Fisher matrix is a Hessian."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A policy that is told latent numbers: the perceptron of both, and a search of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """The policy network: rows are independent, torch computes the same, bad shapes are refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """The fast Adam against torch's: the same steps, and states that either goes on with."""
 
-from __future__ import annotations
-
 from copy import deepcopy
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The natural-gradient step: on a quadratic, within its trust region, and where there is none."""
 
-from __future__ import annotations
-
 import logging
 from typing import Any
 
@@ -76,9 +74,7 @@ WITHOUT = {
 
 
 @pytest.mark.parametrize("sentence", WITHOUT)
-def test_without_a_direction_it_says_so_and_keeps_the_parameters(
-    sentence: str, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_without_a_direction_it_says_so_and_keeps_the_parameters(sentence: str, caplog) -> None:
     """No gradient, no curvature, no gain: one line says which, and nothing moves."""
     given: dict[str, Any] = {"gradient": GRADIENT, "product": lambda v: v, "assess": linear}
     given |= WITHOUT[sentence]

@@ -1,7 +1,5 @@
 """Tensordict actors in a population: each row acts by its own parameters and memory alone."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

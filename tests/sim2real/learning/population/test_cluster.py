@@ -1,7 +1,5 @@
 """Episodes in other processes: the numbers of a local run, whatever dies."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import itertools

@@ -1,7 +1,5 @@
 """Environments with transforms as rows: each row plays its own episode, whatever the others do."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 
@@ -176,10 +174,7 @@ def test_somebody_else_s_environment_is_rows_too() -> None:
 @pytest.mark.parametrize(
     ("environment", "sentence"),
     [
-        (
-            world(norm=RunningNorm),
-            "went otherwise the second time: MujocoEnv with the",
-        ),
+        (world(norm=RunningNorm), "went otherwise the second time: MujocoEnv with the"),
         (world(pay=partial(RewardScaling, 0.99)), "RewardScaling; leave out transforms that keep"),
         (EnvironmentFactory(partial(Drift, own=True)), "Drift with the transforms none"),
         (EnvironmentFactory(partial(Deaf)), r"Deaf takes none .*; let its _reset take seeds"),

@@ -1,7 +1,5 @@
 """Evolution strategies: the gradient is that of the smoothed fitness; states resume exactly."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Populations: rows, shards and refilling change nothing; numbers are those of a plain loop."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Whole episodes of a policy: returns, lengths and ends are those of the rows."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np
