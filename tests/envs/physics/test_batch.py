@@ -60,7 +60,7 @@ def test_effects_name_engines_that_there_are() -> None:
 def test_an_effect_that_an_engine_lacks_is_refused_before_any_work() -> None:
     """The message names the effect, and those that work."""
     rule = make("imu_delay")
-    with pytest.raises(EffectError, match=r"imu_delay does not .*armature, back"):
+    with pytest.raises(EffectError, match=r"imu_delay does not .*armature, asymmetric_friction"):
         Plant(Hopper().spec(), [rule], physics="warp")
 
 
