@@ -5,8 +5,6 @@
 A step that fails is a line in the report.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace

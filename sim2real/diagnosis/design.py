@@ -3,8 +3,6 @@
 plan = design(found, logs, spec, rng=rng)
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

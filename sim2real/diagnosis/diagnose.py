@@ -10,8 +10,6 @@ The run's folder gets `report.json`, `report.html`, `effects.yaml` and `model.xm
 whole or absent.
 """
 
-from __future__ import annotations
-
 import datetime
 import hashlib
 import time

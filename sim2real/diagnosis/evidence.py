@@ -5,8 +5,6 @@
 It stays in memory: a report that was read has none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal

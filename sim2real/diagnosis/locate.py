@@ -9,8 +9,6 @@ A share is a part of a joint's squared error. A kind of moment is named where it
 than its part of the time, by more than a block bootstrap leaves to chance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple

@@ -10,8 +10,6 @@ friction drift, 1.4 degrees in 10 s), and a little armature on joints without an
 changes with them is partly numerics, and so is an effect whose gain vanishes once they are set.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ write(found, Path("outputs/diagnosis"))     # report.json, report.html, effects.
 last_words(found.report)                    # what to correct first
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType

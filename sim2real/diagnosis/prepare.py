@@ -4,8 +4,6 @@ prepared = prepare(logs, model, fixed, settings, on_progress)
 prepared.data, prepared.findings
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path

@@ -5,8 +5,6 @@
 A model that runs off has no replay, and what it says of hunting is left out.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -12,8 +12,6 @@ halves. So that all distances have the same bias, each is between one half of th
 and as many others; the draws of episodes give the intervals (subsampling, Politis and Romano 1994).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path

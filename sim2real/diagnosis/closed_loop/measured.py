@@ -9,8 +9,6 @@ with another's: a closed loop goes its own way from the first difference on. An 
 as the direction of gravity in the sensor's frame, since a heading is arbitrary.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 

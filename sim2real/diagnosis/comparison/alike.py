@@ -7,8 +7,6 @@ each joint has is what the model says, what both sides add, and what a linear fi
 are left adds.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

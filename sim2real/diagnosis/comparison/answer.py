@@ -4,8 +4,6 @@ answer = compare(before, after, "arm.xml")
 answer.verdict, [(c.effect, c.where, c.change, c.interval) for c in answer.changes]
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass

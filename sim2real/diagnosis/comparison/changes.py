@@ -7,8 +7,6 @@ A change is named while the largest |t| of all effects is larger than chance mak
 its response is worth naming. Effects that explain the same pieces as well are listed with it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

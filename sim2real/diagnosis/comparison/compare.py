@@ -9,8 +9,6 @@ for both and a change. Logs of the same commands are compared row by row, so tha
 cannot follow cancels. Nothing is named that exchanging before and after makes as likely.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

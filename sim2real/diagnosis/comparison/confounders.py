@@ -9,8 +9,6 @@ temperature and mounting explain is put down to them; a supply that the servos m
 another is a change that needs no statistics.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ straight line is wrong by as much as what is looked for. So the side after is si
 with what was put down to other things, and only what that leaves is explained by straight lines.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 

@@ -12,8 +12,6 @@
 Paths are relative to the file.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

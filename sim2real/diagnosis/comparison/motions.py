@@ -7,8 +7,6 @@ Where two recordings were driven by the same commands, what the model cannot fol
 them, and cancels in their difference.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

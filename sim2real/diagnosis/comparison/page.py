@@ -1,7 +1,5 @@
 """`compare.html`: the answer for a person, one file without scripts; all names are escaped."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import NamedTuple

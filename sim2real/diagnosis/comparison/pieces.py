@@ -9,8 +9,6 @@ the other one. Elsewhere a piece is a stretch of one log's error, and under the 
 sides can be exchanged. With enough logs, a piece is a whole log or pair of logs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from typing import NamedTuple
 

@@ -9,8 +9,6 @@ diagnosis: it moves the simulation close to the robot, so that a change has the 
 there. Where a diagnosis was made, give `effects=`.
 """
 
-from __future__ import annotations
-
 import logging
 
 import numpy as np

@@ -4,8 +4,6 @@ answer = check_contract(logs, about, actor)
 answer.verdict, [(f.fault, f.where, f.fix) for f in answer.findings], answer.cannot_tell
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Sequence

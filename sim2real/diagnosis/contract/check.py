@@ -4,8 +4,6 @@ answer = check_contract(read_logs("logs/"), about, actor)
 answer.write("contract.json")
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

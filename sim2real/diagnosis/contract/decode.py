@@ -12,8 +12,6 @@ which only a change that halves the misfit of a number can win. All misfits foll
 covariances, so that thousands of ways are compared at once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product

@@ -7,8 +7,6 @@
 docs/how-to/check_policy_interface.md explains every key.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -7,8 +7,6 @@
 A frame of age h must equal the newest frame of h rows before: that needs no channel of the log.
 """
 
-from __future__ import annotations
-
 from itertools import product
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@
 `policy` and `observation` (docs/how-to/check_policy_interface.md). Paths are relative to the log.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`contract.html`: the answer for a person, one file without scripts; all names are escaped."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined

@@ -6,8 +6,6 @@ The first variant is the described one. The others are mistakes that no change o
 or offset can express: another frame, quaternions read in another order, angles of the inverse turn.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ check_gains(rows, about, limits)            # kp and kd from the torque that joi
 check_rate(logs, about, limits)
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

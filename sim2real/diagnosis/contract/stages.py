@@ -5,8 +5,6 @@ report = check_policy(rows, about, actor, limits)     # action.<i> against actor
 report = check_action(rows, about, limits)            # ctrl.<actuator> against the action
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any

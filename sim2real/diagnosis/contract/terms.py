@@ -4,8 +4,6 @@ A term is rebuilt from channels of the log. One whose channels are not logged (`
 without `channels`) keeps its place in the vector, and is not checked.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, get_args

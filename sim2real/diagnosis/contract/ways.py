@@ -4,8 +4,6 @@ A way says of each number j which element i it shows, and value_j = slope_j x_i(
 `decode` compares thousands of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple

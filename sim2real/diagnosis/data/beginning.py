@@ -7,8 +7,6 @@ already, only rows with neighbours on both sides tell how fast: windows begin at
 Joints with position servos are not asked: a command's first step moves them as suddenly.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import mujoco

@@ -14,8 +14,6 @@ another channel further off is doubtful. Compared are
 Noise is what a cubic through neighbouring rows leaves, the median of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from math import comb
 

@@ -8,8 +8,6 @@ actuator; its `ctrl` is then the desired position [rad or m of the joint]. The m
 actuator a motor or a servo: gains and limits of a servo's own law give way to the rows'.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -8,8 +8,6 @@ for torques make a better one. That has to be better than one without commands, 
 much slower than its model looks as if nothing moved it.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

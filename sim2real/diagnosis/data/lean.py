@@ -7,8 +7,6 @@ solve (limits, dry friction) is too little to be sorted into islands first. Noth
 either, and painting the textures takes nearly all of the time of compiling a small model.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -5,8 +5,6 @@ memory.keep(name, result, row)
 memory.recall(name, result, row)            # True: the row is filled in
 """
 
-from __future__ import annotations
-
 from collections import OrderedDict
 from collections.abc import Hashable, Sequence
 

@@ -10,8 +10,6 @@ the rest of a cubic through neighbouring rows, while the joint is slow, and neve
 rounding to counts makes.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from math import comb

@@ -1,7 +1,5 @@
 """Logs and the models they belong to: what they have in common, and how they are named."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mujoco

@@ -5,8 +5,6 @@ moving("fitting backlash.elbow", 0.3)
 moving.tick()                               # something was simulated: the share rises a little
 """
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Callable

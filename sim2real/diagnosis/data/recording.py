@@ -10,8 +10,6 @@ around its first row elsewhere. The command in force before the first row is the
 the start of an episode it is the first one.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from functools import cache

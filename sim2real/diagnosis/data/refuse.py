@@ -1,7 +1,5 @@
 """Logs that a diagnosis cannot use, each with the reason and what to do."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mujoco

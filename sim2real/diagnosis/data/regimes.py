@@ -4,8 +4,6 @@ for kind in regimes(log, model, "elbow"):
     kind.group, kind.name, kind.rows        # "speed", "fast", (T,) bool
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

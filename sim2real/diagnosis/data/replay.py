@@ -10,8 +10,6 @@ time that the robot's bus takes (`command_delay` in the log's metadata) is part 
 explain.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Iterator, Sequence

@@ -7,8 +7,6 @@ Samples a few milliseconds apart are no independent evidence: blocks are drawn a
 are as long as the residue of the model as given hangs together, and about a second at least.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from sim2real.diagnosis.data.dataset import Data

@@ -3,8 +3,6 @@
 other = further(data, window, joint, 1e-3)
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from sim2real.diagnosis.data.dataset import Data

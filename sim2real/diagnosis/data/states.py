@@ -11,8 +11,6 @@ No log has these columns; its commands imply them (MuJoCo, "Actuation model"):
 What depends on more than commands (muscles, DC motors, one's own) is refused by name.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

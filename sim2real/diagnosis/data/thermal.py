@@ -15,8 +15,6 @@ down turns more easily. Their torques change by as much as they do in simulation
 with the strengths that were found for them, more than once (`heat_passes`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 import mujoco

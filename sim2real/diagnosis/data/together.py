@@ -11,8 +11,6 @@ Where processes cannot be forked (not on Linux), and in one that was, all tasks 
 that waits takes no task itself.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

@@ -6,8 +6,6 @@ Windows are about evenly long and start where the robot is calm. Where servos pu
 last seconds and have a warm-up; where a whole state is logged and nothing does, they are short.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple

@@ -6,8 +6,6 @@ with work.during("screening"):
 work.steps["screening"], work.total            # 1000, 1000
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

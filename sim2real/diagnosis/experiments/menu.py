@@ -6,8 +6,6 @@ if item.change is not None:
 item.change(spec)               # the same to a model
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -14,8 +14,6 @@ tells nothing more; where none is, the one with the most evidence (the squared d
 squared noise, as far as it counts) by its time.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ A base is a free joint, or the slides of a boom, that carries compared joints, t
 drives and that the log does not hold.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco

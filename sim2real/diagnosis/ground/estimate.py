@@ -10,8 +10,6 @@ leave (`odometry`); a column `sensor.position_0` to `_2` (a tracker of the base)
 Heading and place on the ground change nothing and start at 0.
 """
 
-from __future__ import annotations
-
 from copy import copy
 from typing import NamedTuple
 

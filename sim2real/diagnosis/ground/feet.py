@@ -7,8 +7,6 @@ A base that moves by u changes the speed of each sole by `way @ u`, one that is 
 by h.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import mujoco

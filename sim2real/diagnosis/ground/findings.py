@@ -6,8 +6,6 @@ An IMU is held against itself (gyro against the slope of the orientation) and ag
 (soles that stand are in its plane).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import mujoco

@@ -7,8 +7,6 @@ centre of mass over it. Its plane is the ground. Robots that walk fast, or stand
 not rest.
 """
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import mujoco

@@ -3,8 +3,6 @@
 estimates = estimate_all(logs, model, settings)     # [] where every base is held or logged
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

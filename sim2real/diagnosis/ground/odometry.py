@@ -9,8 +9,6 @@ reweighted least squares with Cauchy's weights). Between rows the base moves as 
 says, else as in free flight while nothing touches, else smoothly.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

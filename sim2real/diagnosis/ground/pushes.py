@@ -10,8 +10,6 @@ the others, as long as these are few. Those in which it turns by a few times mor
 far as a window is odd, its error no longer grows (Huber 1964). The report tells when they were.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 

@@ -6,8 +6,6 @@
 The unknowns are the base's height, turn and speeds, and the joints' positions and speeds.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import mujoco

@@ -3,8 +3,6 @@
 turn, spin = turned(time, imu, settings)    # (T, 4) quaternions, (T, 3) rad/s in the base
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation

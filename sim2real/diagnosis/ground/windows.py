@@ -9,8 +9,6 @@ wrong model would move it to a wrong place. What the unknowns change is taken ou
 (`nuisance`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

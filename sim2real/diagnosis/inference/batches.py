@@ -8,8 +8,6 @@ neutral values, which changes no bit of it. Effects that add to the structure sh
 own kind alone, and those that only write model fields are kept apart from stepped ones.
 """
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Sequence
 from typing import Any, NamedTuple
 

@@ -8,8 +8,6 @@ closes no gap is none (`Effect.visible_in_replay`): noise, quantization, the fil
 and lost packets are read off the log.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass

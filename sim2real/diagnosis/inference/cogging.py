@@ -14,8 +14,6 @@ A joint that no servo holds is moved instead: over a window, the ripple's torque
 integral over the inertia, at any speed, with those of a constant torque and of a viscous one.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 shift_held(log, log.columns["ctrl.elbow"], 1)         # as it is a row later
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 

@@ -3,8 +3,6 @@
 made = make_conclusion(judgement, baseline, rng)
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -8,8 +8,6 @@ in nats a reading, has its upper bound below a tolerance. That a gain is not sig
 nothing: a log too weak to tell passes neither for `no_gap` nor for `explained`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

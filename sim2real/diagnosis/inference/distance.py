@@ -8,8 +8,6 @@ divergence of two Gaussians of one covariance (Box and Hill 1967 choose experime
 starts, usual errors and the discrepancy may make does not part them.
 """
 
-from __future__ import annotations
-
 import math
 
 from sim2real.diagnosis.inference.fit import Fit, Fitter

@@ -5,8 +5,6 @@
 Windows start anew from the measured state every few seconds, which hides what runs off slowly.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -3,8 +3,6 @@
 glance = make_glance(fitter, given, local, common)
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -7,8 +7,6 @@ simulated with less and with more friction: where the motion stays the same, the
 known, whatever its best value.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -9,8 +9,6 @@ likelihood, to second order; Pawitan 2001). Where the two folds disagree by more
 comes that the model in which a value is found is itself off by the usual few per cent.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

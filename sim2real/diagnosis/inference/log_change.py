@@ -1,7 +1,5 @@
 """One thing that may be wrong with a log: its values, and the log without it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -24,8 +24,6 @@ and its stamp says by how much it is still off; what was read before an episode'
 continued from its first two.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations

@@ -3,8 +3,6 @@
 start = join_members(best, (member,), member.probes)         # from where a fit begins
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 

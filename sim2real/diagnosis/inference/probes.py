@@ -7,8 +7,6 @@ Each effect says them itself (`Effect.probes`), from the robot's own sizes: fric
 motors' torque, speeds from its commands.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

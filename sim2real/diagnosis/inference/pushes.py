@@ -10,8 +10,6 @@ matrix determinant lemma). From it goes what looking at so many joints and momen
 and it has to take most of what is left there.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import ClassVar, NamedTuple

@@ -3,8 +3,6 @@
 describe_remainder(judgement)        # "74 % of it at elbow; 80 % within 3.1 to 3.4 s of episode 1"
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -7,8 +7,6 @@ Where windows start from an estimate (`ground`), that estimate is the model's as
 are known it is made again with them in the model, and the gap is judged anew on these windows.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace

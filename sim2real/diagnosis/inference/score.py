@@ -8,8 +8,6 @@ doi:10.1007/s11222-013-9416-2): what makes a window hard is in both of them, and
 neighbours, which share what is wrong, are drawn together (block bootstrap, Kuensch 1989).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -14,8 +14,6 @@ matrix of all r tells: two at a time are orthogonal matching pursuit (Tropp and 
 doi:10.1109/TIT.2007.909108) with its first step over pairs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import combinations
 from typing import NamedTuple

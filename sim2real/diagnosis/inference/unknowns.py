@@ -7,8 +7,6 @@ hypothesis. Where a replay is further off than joints that stay, straight lines 
 nothing: starts are then taken to move on freely, and no error of a parameter counts as usual.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from sim2real.diagnosis.data.noise_floor import rounding

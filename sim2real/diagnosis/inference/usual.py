@@ -3,8 +3,6 @@
 No model is right to a few per cent: masses come from a scale, friction and gains from a data sheet.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from envs.effects import EFFECTS

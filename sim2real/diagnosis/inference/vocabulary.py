@@ -7,8 +7,6 @@ Where a change lies among few values that a fit can reach only from nearby, such
 ripple, the errors say where to begin, so that the starts depend on them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 
 import numpy as np

@@ -6,8 +6,6 @@ A tilted base is an effect that every verb knows; gravity that one side compensa
 does not is known to the diagnosis alone.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import mujoco

@@ -7,8 +7,6 @@ with position, duty with the error that the servo saw. A finding of `NOTES` desc
 sensors are like; every other one should be corrected before a physical cause is sought.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 
 import mujoco

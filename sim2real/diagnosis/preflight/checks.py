@@ -7,8 +7,6 @@ Each finding says in plain sentences what was found and what to do about it. Tho
 tell what the sensors are like.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 

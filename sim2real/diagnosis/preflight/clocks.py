@@ -8,8 +8,6 @@ a row's length. A drift shows in the stamps: a clock that runs fast by 200 ppm i
 a minute. What is late against the *commands* is a delay, which the diagnosis itself looks for.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 

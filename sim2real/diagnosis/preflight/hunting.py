@@ -10,8 +10,6 @@ goes on, and begin where the loop is at rest again (`data/windows.py`). Whether 
 own time, how fast and how far, is reported in addition.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -7,8 +7,6 @@ A lag that is there all the time is physics (a delay, friction, a filter), and l
 diagnosis. One that jumps means that something was changed, or failed, during the recording.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple

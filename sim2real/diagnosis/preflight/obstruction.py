@@ -10,8 +10,6 @@ wrong everywhere else: they are left out, with what comes right before and after
 A limit of torque makes errors large, too, but not the current, so that both have to be.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple

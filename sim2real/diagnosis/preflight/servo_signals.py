@@ -7,8 +7,6 @@ They settle without a simulation what replays can only suggest: a flipped sign, 
 rate, and the gain of the servo's own control law.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 

@@ -7,8 +7,6 @@ name of a torque. Such a column repeats what the others say: it is no evidence o
 did, and no residual of it is shown. A measured one has noise of its own, which no law explains.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import mujoco

@@ -7,8 +7,6 @@ right at the start of an episode; most windows start in the middle of one, where
 or a pendulum that swings, is somewhere else.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mujoco

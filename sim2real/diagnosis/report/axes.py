@@ -8,8 +8,6 @@
 errors of both signs: linear next to zero, logarithmic beyond.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 

@@ -7,8 +7,6 @@
 Pictures of one table share one scale; it is logarithmic where its sizes lie far apart.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -5,8 +5,6 @@
 Distances of one measure share a scale; the grey zone is the robot's distance from itself.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -7,8 +7,6 @@ sets values and intervals side by side and tests nothing: intervals that do not 
 said to differ.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

@@ -7,8 +7,6 @@ browse whole recordings is inline too, and the page is complete without it. Name
 files are escaped.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

@@ -4,8 +4,6 @@ inputs["link"] = links(logs)            # of the logs whose metadata tell it
 table(inputs)                           # a row for each servo of each of them
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any

@@ -7,8 +7,6 @@ carry, each with the reason. Numbers have the six digits of MuJoCo's writer. Wha
 not change stays as it was.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any

@@ -7,8 +7,6 @@ draws it flat. Hinges and slides move; a free or ball joint stays where the keyf
 since a report compares the joints and not where the robot stands.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco

@@ -1,7 +1,5 @@
 """What a report says of how it was made: its inputs, its settings, the command that repeats it."""
 
-from __future__ import annotations
-
 import os
 import shlex
 from collections.abc import Mapping

@@ -6,8 +6,6 @@ Numbers are 16-bit steps between a line's smallest and largest value, times 32-b
 little-endian and in base64, so that an hour of a robot stays a page that can be mailed.
 """
 
-from __future__ import annotations
-
 import base64
 import math
 from collections.abc import Mapping, Sequence

@@ -6,8 +6,6 @@ The measured robot stands among its ghosts, which are simulations of the same co
 the joints' positions. Rerun is imported when it is needed and not before.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from importlib.util import find_spec

@@ -7,8 +7,6 @@ Every text that comes from outside is escaped. Colours are those of Okabe and It
 in their dashes too.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 sys.stdout.write(format_verdict(report, coloured=True))
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 from sim2real.diagnosis.report.text import (

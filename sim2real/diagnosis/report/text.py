@@ -4,8 +4,6 @@ quantity(0.0503, "rad")                    # '50.3 mrad'
 sentence(report)                           # 'Backlash at the elbow explains 95 % of the gap.'
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 

@@ -9,8 +9,6 @@ measured state at its start, under values that were fitted to other windows. So 
 out throughout, and a model that runs off comes back where the next window begins.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 

@@ -7,8 +7,6 @@
 A report lists all of them in "How this was made".
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from sim2real.diagnosis.settings.base import TINY, TINY_SQUARE, Row, rows, setting

@@ -10,8 +10,6 @@ A setting is a number that an answer depends on. Its name says what it limits an
 origin says where the value comes from. "rad" stands for rad at hinges and m at slides.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import field, fields
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Settings of `diagnosis/closed_loop`: the policy in the corrected simulator."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from sim2real.diagnosis.settings.base import COST, JUDGED, setting

@@ -1,7 +1,5 @@
 """Settings of `diagnosis/comparison`: when a robot counts as changed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from sim2real.diagnosis.settings.base import COST, JUDGED, setting

@@ -1,7 +1,5 @@
 """Settings of `diagnosis/contract`: when a fault of the policy's interface is named."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from sim2real.diagnosis.settings.base import COST, JUDGED, setting

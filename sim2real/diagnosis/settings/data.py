@@ -1,7 +1,5 @@
 """Settings of `diagnosis/data`: noise, windows, kinds of moments, the bootstrap."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from sim2real.diagnosis.settings.base import COST, DEVELOPED, JUDGED, setting

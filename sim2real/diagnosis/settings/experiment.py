@@ -1,7 +1,5 @@
 """Settings of the next recording: motions, refits, and a robot known by its model alone."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

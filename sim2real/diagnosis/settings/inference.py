@@ -1,7 +1,5 @@
 """Settings of `diagnosis/inference`: likelihood, fit and decision, and where a gap lies."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from sim2real.diagnosis.settings.base import COST, DEVELOPED, JUDGED, ROUNDING, setting

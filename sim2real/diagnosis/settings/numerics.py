@@ -1,7 +1,5 @@
 """Settings of `diagnosis/numerics`: what is the simulator's own doing."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from sim2real.diagnosis.settings.base import COST, DEVELOPED, JUDGED, setting

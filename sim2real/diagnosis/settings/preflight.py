@@ -1,7 +1,5 @@
 """Settings of `diagnosis/preflight`: when a log contradicts itself or its model."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

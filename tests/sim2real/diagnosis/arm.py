@@ -1,7 +1,5 @@
 """A small arm and logs of it, made by simulation with known effects: truth for tests."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -1,7 +1,5 @@
 """The arm with motors that declare no limit, moved by a controller whose torques are logged."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -1,7 +1,5 @@
 """A model's own log: what it does under commands that move every joint, as a file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -1,7 +1,5 @@
 """A weight on a rod that a voltage-driven motor swings, and logs of it, made by simulation."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -1,7 +1,5 @@
 """One recorded run gives one diagnosis, whatever format it was recorded in."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The gap is placed where it was put: joint, kind of moment, frequency, side of approach."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

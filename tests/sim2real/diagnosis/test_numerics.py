@@ -1,7 +1,5 @@
 """The null test tells the simulator's own faults from the robot's."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """What is left of a diagnosis when a later step fails, a cause is numerics, or the log is wrong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

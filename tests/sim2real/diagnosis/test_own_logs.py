@@ -4,8 +4,6 @@
 as well.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

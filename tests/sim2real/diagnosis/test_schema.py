@@ -1,7 +1,5 @@
 """The report as JSON and back."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

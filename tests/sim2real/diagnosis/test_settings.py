@@ -6,8 +6,6 @@ and settings, which are names (an assignment in capitals at the top of a module;
 classes). Halves and doubles count.
 """
 
-from __future__ import annotations
-
 import ast
 import dataclasses
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Robots that nobody here made: Gymnasium's, with friction hidden in one joint."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import gymnasium

@@ -1,7 +1,5 @@
 """A friction that is named where torques are commanded, and where rows bring their gains."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A robot whose motors are all weak, simulated by MuJoCo alone: one cause, not one a joint."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

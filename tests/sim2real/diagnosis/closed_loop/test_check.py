@@ -1,7 +1,5 @@
 """The policy in both simulators, with a made-up robot whose distributions are known."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Has a simulated arm changed? Its truth is known."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from pathlib import Path

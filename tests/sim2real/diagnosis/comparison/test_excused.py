@@ -1,7 +1,5 @@
 """What temperature may have done is simulated, and only what that leaves is compared."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Permutation tests of many columns: false alarms, values, intervals."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

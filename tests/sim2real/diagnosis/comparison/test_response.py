@@ -1,7 +1,5 @@
 """What is watched for a change is moved a little, one thing at a time."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sim2real.diagnosis.comparison.compare import prepare

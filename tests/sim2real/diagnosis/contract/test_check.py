@@ -1,7 +1,5 @@
 """Each fault of an interface is named with its place and fix, and nothing else is."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Descriptions of a policy's interface: what the ready-made ones say, and what is refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

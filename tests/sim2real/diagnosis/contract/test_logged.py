@@ -1,7 +1,5 @@
 """The interface of logs that name their own policy, before a diagnosis."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace

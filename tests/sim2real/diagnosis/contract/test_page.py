@@ -1,7 +1,5 @@
 """`contract.html` in a real browser."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Commands that hardly move, and that are rounded to counts, show faults of their own alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -6,8 +6,6 @@ Four joints swing with rhythms of their own, the body rolls, pitches and turns, 
 policy sees scaled terms. It is written by hand, and shares no code with what is tested.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Logs whose base moves when they begin."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

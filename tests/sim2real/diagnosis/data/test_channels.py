@@ -1,7 +1,5 @@
 """Channels beside the positions, as witnesses that nothing was fitted to."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -1,7 +1,5 @@
 """Logs cut into windows, and simulations of them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

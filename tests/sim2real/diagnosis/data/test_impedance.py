@@ -1,7 +1,5 @@
 """Logs whose rows bring gains: what they mean in a model, and which are refused."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Commands of another kind than the model's actuators."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A model without the work that cannot change what it does."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Rows are remembered within a limit."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sim2real.diagnosis.data.memory import Memory

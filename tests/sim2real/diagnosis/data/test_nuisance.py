@@ -1,7 +1,5 @@
 """What an unknown start may cause is taken out of errors, and nothing else."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sim2real.diagnosis.data.nuisance import marginal

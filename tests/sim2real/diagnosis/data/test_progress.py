@@ -1,7 +1,5 @@
 """Progress neither falls nor stands still."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

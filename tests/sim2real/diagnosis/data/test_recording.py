@@ -1,7 +1,5 @@
 """Rows of a log as recordings: where a replay starts, and what it is told."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -1,7 +1,5 @@
 """Logs that a diagnosis cannot use."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The verb's replay and a diagnosis's are one: the same start, commands and effects, to the bit."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise, product

@@ -1,7 +1,5 @@
 """Gains with intervals: what hangs together is drawn together, and a winner pays for its race."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

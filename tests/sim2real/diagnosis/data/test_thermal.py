@@ -1,7 +1,5 @@
 """How hot motors are when a window starts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any

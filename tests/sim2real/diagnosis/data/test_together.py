@@ -1,7 +1,5 @@
 """Work on several cores returns what it returns on one."""
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

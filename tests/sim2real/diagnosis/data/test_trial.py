@@ -1,7 +1,5 @@
 """Pieces of logs whose clock starts anywhere: the same ones, in the same memory."""
 
-from __future__ import annotations
-
 import tracemalloc
 
 import numpy as np

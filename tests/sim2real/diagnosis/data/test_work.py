@@ -1,7 +1,5 @@
 """What is simulated is counted by stage."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

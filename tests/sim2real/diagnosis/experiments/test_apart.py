@@ -1,7 +1,5 @@
 """Explanations play against each other, and each refits before it is called apart."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco

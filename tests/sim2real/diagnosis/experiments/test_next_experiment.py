@@ -1,7 +1,5 @@
 """The experiment that is named tells explanations apart, and the robot can be driven along it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import get_args
 

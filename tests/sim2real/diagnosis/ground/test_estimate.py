@@ -1,7 +1,5 @@
 """The estimate of a base against the true one of a simulation."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """What is said of an IMU and of feet, from walks whose faults are planted."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A faulty IMU as a cause: windows that start without its fault follow, and it is a candidate."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Short windows from estimated starts: the right model follows, a wrong start is no error."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Walks of simulated robots whose true base is known to the tests."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

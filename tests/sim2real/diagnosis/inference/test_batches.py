@@ -1,7 +1,5 @@
 """What is simulated side by side comes to what it does alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Candidates: what can stand beside what is known already."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

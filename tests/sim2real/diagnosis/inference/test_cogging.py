@@ -1,7 +1,5 @@
 """Counts and phases of a ripple, seen in the error."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From a judgement to a report: causes of each kind, values with intervals, what is left."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

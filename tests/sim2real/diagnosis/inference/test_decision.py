@@ -1,7 +1,5 @@
 """What each verdict asks for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

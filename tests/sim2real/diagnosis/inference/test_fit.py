@@ -1,7 +1,5 @@
 """Fits of hypotheses on the arm of the tests: values, sensitivities, held-out scores."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Friction at the feet is known only where feet slip."""
 
-from __future__ import annotations
-
 import pytest
 
 from sim2real.diagnosis.data.dataset import Data

@@ -1,7 +1,5 @@
 """The judge on the arm of the tests: mistakes of the log, effects of the robot, nothing at all."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The likelihood against the dense Gaussian that it stands for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

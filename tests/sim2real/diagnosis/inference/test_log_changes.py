@@ -1,7 +1,5 @@
 """Mistakes of a log: each is undone by its own change, and by no more."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

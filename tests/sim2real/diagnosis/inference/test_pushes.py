@@ -1,7 +1,5 @@
 """A push that no command tells: where, when and how hard."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

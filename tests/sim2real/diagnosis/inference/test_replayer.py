@@ -1,7 +1,5 @@
 """The windows that a judge looks at."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A whole diagnosis that the likelihood decides: files, and kinds of causes in them."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

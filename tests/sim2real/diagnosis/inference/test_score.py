@@ -1,7 +1,5 @@
 """Folds that see every regime, and bounds of paired sums."""
 
-from __future__ import annotations
-
 from typing import cast
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What promises most, along straight lines in the likelihood's metric."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Gravity that one side compensates: against models that do so themselves."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

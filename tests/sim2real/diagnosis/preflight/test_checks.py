@@ -1,7 +1,5 @@
 """Preflight names the commonest mistakes, and says nothing of a log that is right."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Offsets and drifts that were put into a log are found, and a log on one clock is left alone."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter

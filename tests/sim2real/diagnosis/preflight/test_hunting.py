@@ -1,7 +1,5 @@
 """A servo's loop that hunts: seen in a log, kept out of windows, and told of a model too."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

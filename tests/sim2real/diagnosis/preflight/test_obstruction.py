@@ -1,7 +1,5 @@
 """Rows in which something is in a joint's way."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from hardware.log import Log

@@ -1,7 +1,5 @@
 """Torques that are only the servo's law."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Joints that move and that a log does not hold."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """A report with something in every part of its page."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sim2real.diagnosis.evidence import (

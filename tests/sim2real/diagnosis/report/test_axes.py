@@ -1,7 +1,5 @@
 """Axes: values are where their numbers say, and small ones stay visible beside large ones."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

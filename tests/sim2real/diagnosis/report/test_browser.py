@@ -1,7 +1,5 @@
 """The page in a real browser: it is driven by a script and tells what it saw."""
 
-from __future__ import annotations
-
 import html
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """Two diagnoses on one page: what is alike, what differs, what is new and what is gone."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

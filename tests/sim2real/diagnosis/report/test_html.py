@@ -1,7 +1,5 @@
 """report.html: what a person reads of a diagnosis, without a network and without surprises."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from html.parser import HTMLParser

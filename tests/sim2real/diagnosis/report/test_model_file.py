@@ -1,7 +1,5 @@
 """model.xml: it moves as the model with effects.yaml does, and says what it leaves out."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The robot on the page moves as its model does, and is seen at the cursor's moment."""
 
-from __future__ import annotations
-
 import html
 import json
 import subprocess

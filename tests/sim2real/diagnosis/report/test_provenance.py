@@ -1,7 +1,5 @@
 """What a report says of its making."""
 
-from __future__ import annotations
-
 from sim2real.diagnosis.report.provenance import flat
 
 

@@ -1,7 +1,5 @@
 """Recordings in the page: what is packed comes back, and lines are named by their causes."""
 
-from __future__ import annotations
-
 import base64
 from typing import Any
 

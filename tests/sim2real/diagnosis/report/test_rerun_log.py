@@ -1,7 +1,5 @@
 """A log for the Rerun viewer: what is written can be read back."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

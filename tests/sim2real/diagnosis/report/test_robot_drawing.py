@@ -1,7 +1,5 @@
 """The drawing of a robot: every joint is where the model has it, names stay apart."""
 
-from __future__ import annotations
-
 import re
 
 import mujoco

@@ -1,7 +1,5 @@
 """Pictures of recordings: which pieces are shown, and that lines are where the numbers are."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The verdict in a terminal: what it says, its alignment and its colours."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Traces are what the gap's numbers are made of; signals are what was logged beside positions."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -7,8 +7,6 @@ Causes are those of `report.json` schema 3: each has a `kind`, which is `robot` 
 (a mistake of the log) or `world`. In a report of schema 2 every cause is of kind `robot`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Set
 from dataclasses import dataclass

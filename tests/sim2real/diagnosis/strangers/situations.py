@@ -8,8 +8,6 @@ expected answer stands beside it. A log's mistake is put into the log after the 
 that what is hidden is exactly that. `sim2real.exam.log_mistakes` has the names of mistakes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Situations that people report: what is asked of the diagnosis."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco
