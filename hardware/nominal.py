@@ -66,12 +66,15 @@ def _set_servo(actuator: mujoco.MjsActuator, robot: Robot, servo: Servo) -> None
     per_count = kind.stall_torque(volts) / kind.units.full_pwm / kind.units.angle  # N·m/rad
     kv = registers["position_d_gain"] / kind.units.position_d * per_count * TICK
     kp = kind.position_gain(registers["position_p_gain"], volts)
-    actuator.set_to_position(kp=kp, kv=kv if kind.maker == "dynamixel" else 0.0)
-    actuator.damping[:] = [kind.back_emf_damping, 0.0, 0.0]
+    kv = kv if kind.maker == "dynamixel" else 0.0
     limit = kind.stall_torque(volts) * _most_duty(servo, registers)
+    outside, inside = kind.back_emf_damping, 0.0  # of the limit: of a PWM, or of a current
     if registers["operating_mode"] == SOFT and kind.current is not None:
         allowed = registers.get("goal_current", registers["current_limit"])
         limit = min(limit, kind.torque_constant * allowed * kind.current)
+        outside, inside = inside, outside
+    actuator.set_to_position(kp=kp, kv=kv + inside)
+    actuator.damping[:] = [outside, 0.0, 0.0]
     actuator.forcelimited, actuator.forcerange = 1, [-limit, limit]
 
 
