@@ -156,11 +156,13 @@ def servo(
     kp = registers["position_p_gain"] / motor.divisor * duty
     kv = d_gain / (motor.derivative or 1) * duty * TICK
     limit = full * min(registers.get(motor.limit, motor.max_pwm), motor.max_pwm) / motor.full
+    outside, inside = motor.constant**2 / motor.resistance, 0.0  # of the limit: of PWM, of current
     if registers.get("operating_mode") == CURRENT_BASED and motor.current is not None:
         allowed = registers.get("goal_current", math.inf)
         limit = min(limit, motor.constant * allowed * motor.current)
-    actuator.set_to_position(kp=kp, kv=kv)
-    actuator.damping[:] = [motor.constant**2 / motor.resistance, 0.0, 0.0]
+        outside, inside = inside, outside
+    actuator.set_to_position(kp=kp, kv=kv + inside)
+    actuator.damping[:] = [outside, 0.0, 0.0]
     actuator.forcerange = [-limit, limit]
     if delay > 0:
         actuator.delay = delay
