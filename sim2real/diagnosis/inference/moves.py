@@ -87,11 +87,13 @@ def list_simpler(fit: Fit, place: int, others: Iterable[Member]) -> list[Start]:
     names = _names_of(member)
     found = {}
     for other in others:
-        if isinstance(other, Candidate) and _is_simpler(other, member):
+        if not isinstance(other, Candidate) or not _is_simpler(other, member):
+            continue
+        if are_compatible(rest.hypothesis, other):
             kept = [names.index(name) for name in _names_of(other)]
             start = join_members(base, (other,), other.neutral[None])
-            own = start.hypothesis.columns[start.hypothesis.members.index(other)]
-            start.points[..., own] = values[:, kept]
+            labels = [one.label for one in start.hypothesis.members]
+            start.points[..., start.hypothesis.columns[labels.index(other.label)]] = values[:, kept]
             found[other.label] = start
     return list(found.values())
 

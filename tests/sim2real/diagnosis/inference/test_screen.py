@@ -8,9 +8,10 @@ import pytest
 from sim2real.diagnosis.inference.fit import Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.judge import Judge
-from sim2real.diagnosis.inference.moves import restart
+from sim2real.diagnosis.inference.moves import join_members, list_simpler, restart
 from sim2real.diagnosis.inference.screen import (
     Line,
+    list_promising,
     pick_alike,
     pick_pairs,
     pick_starts,
@@ -79,6 +80,33 @@ def test_friction_of_another_law_is_most_alike(traced: tuple[Judge, list[Line]])
     assert "viscous_friction.b" in alike[:2]
     assert all(label.endswith(".b") for label in alike[:2])
     assert "coulomb_friction.b" not in alike
+
+
+def test_a_simpler_law_starts_at_the_values_that_it_shares(tmp_path: Path) -> None:
+    """Friction without a Stribeck curve; not where it stands with it already."""
+    data = arm.data_of(arm.make_log(seconds=4.0), tmp_path)
+    labels = ("coulomb_friction.a", "stribeck_friction.a", "stribeck_friction.b", "position_gain.a")
+    members = {one.label: one for one in Vocabulary(data, only=labels).members}
+    assert set(members) == set(labels)
+    judge = Judge(data)
+    stribeck = members["stribeck_friction.a"]
+    values = stribeck.probes[:1]
+    (fit,) = judge.glance.fit([Start(Hypothesis((stribeck,)), values)], rounds=0)
+    (start,) = list_simpler(fit, 0, members.values())
+    assert start.hypothesis.label == "coulomb_friction.a"
+    np.testing.assert_array_equal(start.points.ravel(), [values[0, 0]] * 2)
+    both = join_members(fit, (members["coulomb_friction.a"],), np.array([[0.1]]))
+    (fit,) = judge.glance.fit([both], rounds=0)
+    assert list_simpler(fit, 0, members.values()) == []
+
+
+def test_lines_say_what_promises_something(traced: tuple[Judge, list[Line]]) -> None:
+    """From the model as given the change that is true comes first; each label comes once."""
+    judge, lines = traced
+    (base,) = judge.glance.fit([restart(judge.given)], rounds=0)
+    labels = list_promising(judge.glance, base, lines, 3)
+    assert labels[0] == "coulomb_friction.b"
+    assert len(set(labels)) == len(labels) == 3
 
 
 def test_joints_without_a_gap_show_nothing(tmp_path: Path) -> None:
