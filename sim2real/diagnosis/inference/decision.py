@@ -8,6 +8,7 @@ in nats a reading, has its upper bound below a tolerance. That a gain is not sig
 nothing: a log too weak to tell passes neither for `no_gap` nor for `explained`.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -58,25 +59,42 @@ def decide_verdict(standing: Standing, settings: Inference) -> Verdict:
     return "partly_explained" if standing.closes > 0 else "unexplained"
 
 
+def compute_price(members: int, values: int, choices: int, settings: Inference) -> float:
+    """Return what a hypothesis has to win over the model as given [nats a reading].
+
+    Each member is one of so many that were looked at, so that one of them is expected to gain the
+    log of their number by chance (Bonferroni), and odds of one over the level are asked for beside
+    it. Each value costs half the log of the evidence (Schwarz 1978, doi:10.1214/aos/1176344136),
+    which is one over the temperature: readings are no independent evidence.
+
+    Args:
+        members: of the hypothesis.
+        values: that these leave free.
+        choices: members of the vocabulary.
+        settings: level and temperature.
+    """
+    each, value = math.log(choices / settings.level), math.log(1 / settings.temperature) / 2
+    return settings.temperature * (each * members + value * values)
+
+
 def compute_posterior(
-    scores: Sequence[float], members: Sequence[int], left: float, settings: Inference
+    scores: Sequence[float], prices: Sequence[float], left: float, settings: Inference
 ) -> tuple[np.ndarray, float]:
     """Return the probability of each hypothesis, (n,), and of a law that is not in the vocabulary.
 
     What the best hypothesis gains and what a free discrepancy still gains over it are one gap, in
     the same unit; a law that is missing has made the second, and as large a share of the first as
     of the whole. Among the hypotheses odds are exponentials of log predictive densities a reading
-    over a temperature, since readings are no independent evidence; each member costs the tolerance,
-    which it has to win.
+    over a temperature, since readings are no independent evidence; each costs its price.
 
     Args:
         scores: what each hypothesis gains over the model as given [nats a reading].
-        members: of each hypothesis.
+        prices: of each, see `compute_price` [nats a reading].
         left: what a free discrepancy gains over the best [nats a reading].
         settings: tolerance and temperature.
     """
     gained, left = max(scores[0], 0.0), max(left, 0.0)
     unknown = left / (left + gained) if left > 0 else 0.0
-    worth = np.array(scores) - settings.equivalence_tolerance * np.array(members)
+    worth = np.array(scores) - np.array(prices)
     odds = np.exp((worth - worth.max()) / settings.temperature)
     return odds / odds.sum() * (1 - unknown), unknown

@@ -9,10 +9,13 @@ starts, usual errors and the discrepancy may make does not part them.
 """
 
 import math
+from collections.abc import Sequence
 
 from sim2real.diagnosis.inference.fit import Fit, Fitter
 from sim2real.diagnosis.inference.likelihood import HALF
 from sim2real.diagnosis.inference.score import Bootstrap
+
+APART = 2  # members by which an explanation is another one
 
 
 def compute_separation(fitter: Fitter, one: Fit, other: Fit) -> float:
@@ -39,3 +42,26 @@ def is_told_apart(fitter: Fitter, bootstrap: Bootstrap, best: Fit, other: Fit) -
     gain = bootstrap.gain(best.score - other.score)
     odds = gain.total / fitter.replayer.readings / fitter.settings.temperature
     return gain.low > 0 and odds > math.log(1 / fitter.settings.level)
+
+
+def stands_alone(fitter: Fitter, bootstrap: Bootstrap, best: Fit, others: Sequence[Fit]) -> bool:
+    """Return whether no explanation as long as the best does as well with quite other causes.
+
+    One other member is an equivalent of the one in whose place it stands. Two are no names, unless
+    each stands for one of the best by itself as well.
+
+    Args:
+        fitter: that made them all.
+        bootstrap: says which predicts significantly better.
+        best: the explanation.
+        others: explanations of any length.
+    """
+    own = _labels(best)
+    rivals = [one for one in others if len(_labels(one)) == len(own)]
+    rivals = [one for one in rivals if not is_told_apart(fitter, bootstrap, best, one)]
+    alike = own.union(*(_labels(one) for one in rivals if len(_labels(one) - own) < APART))
+    return all(len(_labels(one) - alike) < APART for one in rivals)
+
+
+def _labels(fit: Fit) -> set[str]:
+    return {member.label for member in fit.hypothesis.members}

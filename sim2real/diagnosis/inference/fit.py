@@ -45,7 +45,8 @@ class Fit:
         held: errors under the values fitted to the other fold, (W, N, M).
         trained: the discrepancy of each fold under its own values.
         density: log density of each fold under its own values [nats], (2,).
-        score: log predictive density of each window, given the other fold [nats], (W,).
+        score: log predictive density of each window, given the other fold, less what the usual
+            errors of the model cost [nats], (W,).
         log_scale: of held-out readings, (W,); it is part of the score.
     """
 
@@ -125,7 +126,8 @@ class Fitter:
             projection = self.likelihood.project(self._seen_from(side, fit.own, fit.held))
             trained = self.likelihood.train(projection, self.sides[side], most)
             other = self.sides[1 - side]
-            score[other] = self.likelihood.predict(projection, trained, most)[other]
+            predicted = self.likelihood.predict(projection, trained, most)
+            score[other] = (predicted - self.likelihood.charge(trained))[other]
         return score + fit.log_scale
 
     def _begin(self, starts: Iterable[Start]) -> list[_State]:
@@ -244,7 +246,8 @@ class Fitter:
             errors = self._seen_from(side, state.replay.error, held.error)
             other = self.sides[1 - side]
             projection = self.likelihood.project(errors)
-            score[other] = self.likelihood.predict(projection, state.trained[side])[other]
+            predicted = self.likelihood.predict(projection, state.trained[side])
+            score[other] = (predicted - self.likelihood.charge(state.trained[side]))[other]
         score += held.log_scale
         return Fit(
             state.hypothesis,

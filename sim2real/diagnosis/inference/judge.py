@@ -12,6 +12,7 @@ member as long as each wins what the tolerance asks for, and loses those that do
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -22,8 +23,13 @@ from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.progress import Moving
 from sim2real.diagnosis.data.work import Work
-from sim2real.diagnosis.inference.decision import Standing, compute_posterior, decide_verdict
-from sim2real.diagnosis.inference.distance import is_told_apart
+from sim2real.diagnosis.inference.decision import (
+    Standing,
+    compute_posterior,
+    compute_price,
+    decide_verdict,
+)
+from sim2real.diagnosis.inference.distance import stands_alone
 from sim2real.diagnosis.inference.episodes import follows_episodes
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.glance import HALVES, NONE, make_glance
@@ -55,7 +61,6 @@ from sim2real.diagnosis.schema import Verdict
 NULLS = ("each joint stays", "each joint keeps its measured speed")
 SHARES = (0.05, 0.3, 0.5, 0.6, 0.7)  # of the work that is done, by the members that are known
 SURE = 4.0  # noises or counts that an error of noise alone does not reach
-APART = 2  # members by which an explanation is another one
 
 
 @dataclass(frozen=True)
@@ -122,6 +127,7 @@ class Judge:
         self.readings = self.replayer.readings
         noise = self.replayer.noise
         self.most = np.maximum(self.replayer.count, noise) / noise  # a count, in noises
+        self.choices = 1  # changes that the vocabulary has
         self.basis: Basis | None = None
         given, *unknown = self._look(NONE, np.zeros((FOLDS, 0)))
         self.glance = make_glance(self.fitter, given, *unknown)
@@ -134,7 +140,7 @@ class Judge:
             vocabulary: what it may be explained by.
         """
         tried = {self.given.label: self.given}
-        best = self.given
+        best, self.choices = self.given, max(len(vocabulary.members), 1)
         while len(best.hypothesis.members) < self.settings.members_max:
             added = f" in addition to {best.label}" if best.hypothesis.members else ""
             self.moving(f"looking at every change{added}", SHARES[len(best.hypothesis.members)])
@@ -181,11 +187,15 @@ class Judge:
         return np.where(self.replayer.used[..., None], np.maximum(beyond, 0.0), 0.0)
 
     def wins(self, more: Fit, less: Fit) -> bool:
-        """Return whether further members win what each has to: the tolerance, for certain."""
-        further = max(len(more.hypothesis.members) - len(less.hypothesis.members), 1)
+        """Return whether further members win what they have to, for certain."""
         gain = self.bootstrap.gain(more.score - less.score)
-        least = further * self.settings.equivalence_tolerance * self.readings
-        return gain.low > 0 and gain.total > least
+        further = self.price(more.hypothesis) - self.price(less.hypothesis)
+        return gain.low > 0 and gain.total > further * self.readings
+
+    def price(self, hypothesis: Hypothesis) -> float:
+        """Return what a hypothesis has to win [nats a reading]."""
+        values = int(hypothesis.smooth.sum())
+        return compute_price(len(hypothesis.members), values, self.choices, self.settings)
 
     def _look(
         self, hypothesis: Hypothesis, values: np.ndarray
@@ -223,8 +233,9 @@ class Judge:
         lines = trace_lines(self.glance, base, starts)
         if not best.hypothesis.members:
             self.lines = lines
-        least = self.settings.equivalence_tolerance * self.glance.replayer.readings
-        if self._explains(best) and max((line.gain for line in lines), default=0.0) < least:
+        gains = [line.gain / self.glance.replayer.readings for line in lines]
+        prices = [self.price(Hypothesis((line.member,))) for line in lines]
+        if self._explains(best) and all(map(operator.lt, gains, prices)):
             return False
         self._fit(pick_starts(base, lines, self.settings.refits), tried)
         if not best.hypothesis.members and not self._is_enough(self._choose(tried)):
@@ -306,7 +317,7 @@ class Judge:
         fits = [best, *rivals]
         chances, unknown = compute_posterior(
             [(fit.total - self.given.total) / self.readings for fit in fits],
-            [len(fit.hypothesis.members) for fit in fits],
+            [self.price(fit.hypothesis) for fit in fits],
             left.gain.total,
             self.settings,
         )
@@ -346,7 +357,7 @@ class Judge:
             bool(inside[:, best.hypothesis.smooth].all()),
             follows_episodes(self.data, best, *self._rest),
             self._closes(best),
-            not any(self._contests(rival, best) for rival in tried.values()),
+            stands_alone(self.fitter, self.bootstrap, best, list(tried.values())),
         )
         return decide_verdict(standing, self.settings)
 
@@ -362,17 +373,6 @@ class Judge:
         fits = self.fitter.fit(map(restart, finalists), rounds=self.settings.glances)
         refitted = {fit.label: fit for fit in [self.given, *fits]}
         return self._prune(refitted), refitted
-
-    def _contests(self, rival: Fit, best: Fit) -> bool:
-        """Return whether an explanation as long as the best does as well with quite other causes.
-
-        One other member is an equivalent of the one in whose place it stands; two are no names.
-        """
-        own, other = best.hypothesis.members, rival.hypothesis.members
-        labels = {member.label for member in other}
-        if len(own) != len(other) or sum(m.label not in labels for m in own) < APART:
-            return False
-        return not is_told_apart(self.fitter, self.bootstrap, best, rival)
 
     def _closes(self, fit: Fit) -> float:
         """Return by what share a fit shortens errors, in noises of a reading."""

@@ -11,7 +11,10 @@ Errors e of window w, simulated minus measured at N rows of M joints, are
 
 * n: the noise of readings, white, with its standard deviation for each joint;
 * L_w: one standard deviation of what is unknown of this window alone: its start, its clock;
-* C_w: one standard deviation of each error of the nominal model, the same u in all windows;
+* C_w: one standard deviation of each error of the nominal model, the same u in all windows.
+  Readings are no independent evidence, `temperature` nats of them are one: so that u keeps its
+  weight against them, its prior is raised to the power of what that makes of a half's readings
+  (a tempered posterior, Gruenwald and van Ommen 2017, doi:10.1214/17-BA1085);
 * d: the discrepancy of Kennedy and O'Hagan (2001, doi:10.1111/1467-9868.00294), for each joint j
   an Ornstein-Uhlenbeck process, (s_j m_w sigma_j)^2 exp(-|t - t'| / tau_j) (Rasmussen and
   Williams 2006, eq. 4.9). Size s and correlation time tau are estimated on a grid; m is a window's
@@ -35,6 +38,7 @@ from sim2real.diagnosis.settings.inference import Inference
 
 NEAR = 2  # octaves to either side that a sweep looks at
 HALF = 0.5  # of a square, in the exponent of a Gaussian
+FOLDS = 2  # halves of the windows: one is trained on, the other predicted
 SHIFTS = np.arange(-1, 5)  # doublings of a window's own discrepancy
 
 
@@ -117,7 +121,8 @@ class Likelihood:
         self._log_det = np.log(scale).sum(axis=-1)[:, :, None] + plain
         self.readings = int(rows.sum()) * len(noise)
         self._local = local.shape[-1]
-        directions = np.concatenate([local, common], axis=-1)
+        evidence = max(settings.temperature * self.readings / FOLDS, 1.0)
+        directions = np.concatenate([local, common / np.sqrt(evidence)], axis=-1)
         self._turned = self._turn(np.where(used[..., None, None], directions, 0.0))
         weighed = self._turned[:, None] * self._inverse[..., None]  # (T, S, M, W, N, D)
         self._gram = np.swapaxes(weighed, -1, -2) @ self._turned[:, None]  # (T, S, M, W, D, D)
@@ -190,6 +195,14 @@ class Likelihood:
             for k, weight in enumerate(self.log_prior)
         ]
         return np.logaddexp.reduce(densities)
+
+    def charge(self, trained: Trained) -> np.ndarray:
+        """Return what the common errors of a half cost by their prior, dealt to rows, (W,) nats.
+
+        The held-out density alone takes them for free: whatever one half tells helps the other.
+        """
+        share = FOLDS * self.used.sum(axis=1) / self.used.sum()
+        return HALF * share * (trained.mean @ trained.mean)
 
     def curvature(self, trained: Trained, vectors: np.ndarray, windows: np.ndarray) -> np.ndarray:
         """Return X' V^-1 X over some windows, V the covariance under a trained discrepancy, (P, P).

@@ -10,7 +10,16 @@ from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.inference.candidates import Candidate, candidate_of
 from sim2real.diagnosis.inference.probes import robot_scale
 
-NAMES = ("link_mass", "link_inertia", "coulomb_friction", "viscous_friction", "position_gain")
+NAMES = (
+    "link_mass",
+    "link_inertia",
+    "armature",
+    "coulomb_friction",
+    "viscous_friction",
+    "position_gain",
+    "derivative_gain",
+    "motor_strength",
+)
 
 
 def list_usual(data: Data) -> Iterator[Candidate]:

@@ -87,8 +87,7 @@ class Inference:
     equivalence_tolerance: float = setting(
         0.15,
         "1",
-        "nats a reading that what is left may still gain in an explanation, and that a further "
-        "cause has to win",
+        "nats a reading that what is left may still gain in an explanation",
         JUDGED,
     )
     most: float = setting(
@@ -104,7 +103,11 @@ class Inference:
         JUDGED,
     )
     temperature: float = setting(
-        0.03, "1", "nats a reading that change the odds of two hypotheses by e", JUDGED
+        0.03,
+        "1",
+        "nats a reading that change the odds of two hypotheses by e: readings are no independent "
+        "evidence",
+        JUDGED,
     )
     equivalents_max: int = setting(
         3, "1", "names of one cause that a report lists", "derived: more are no answer (schema)"

@@ -1,9 +1,16 @@
 """What each verdict asks for."""
 
+import math
+
 import numpy as np
 import pytest
 
-from sim2real.diagnosis.inference.decision import Standing, compute_posterior, decide_verdict
+from sim2real.diagnosis.inference.decision import (
+    Standing,
+    compute_posterior,
+    compute_price,
+    decide_verdict,
+)
 from sim2real.diagnosis.inference.score import Gain
 from sim2real.diagnosis.settings.inference import Inference
 
@@ -44,17 +51,36 @@ def test_a_part_is_explained_only_if_the_simulation_comes_nearer() -> None:
 
 def test_the_posterior_knows_of_laws_that_are_not_in_the_vocabulary() -> None:
     """They are as probable as their share of the gap; where nothing is left, the best one is."""
-    sure, unknown = compute_posterior([1.0, 0.2], [1, 1], 0.0, SETTINGS)
+    sure, unknown = compute_posterior([1.0, 0.2], [0.3, 0.3], 0.0, SETTINGS)
     assert sure[0] > 0.95
     assert unknown == 0.0
-    lost, unknown = compute_posterior([1.0, 0.2], [1, 1], 3.0, SETTINGS)
+    lost, unknown = compute_posterior([1.0, 0.2], [0.3, 0.3], 3.0, SETTINGS)
     assert unknown == pytest.approx(0.75)
     assert lost.sum() + unknown == pytest.approx(1.0)
 
 
 def test_equals_share_the_posterior_and_a_needless_member_loses_it() -> None:
     """Two that predict alike get the same; a longer one pays for its member."""
-    chances, unknown = compute_posterior([1.0, 1.0, 1.01], [1, 1, 2], 0.0, SETTINGS)
+    chances, unknown = compute_posterior([1.0, 1.0, 1.01], [0.3, 0.3, 0.6], 0.0, SETTINGS)
     assert chances[0] == pytest.approx(chances[1])
     assert chances[2] < 0.05
     assert np.isfinite(unknown)
+
+
+def test_a_cause_has_to_beat_the_best_of_as_many_that_do_nothing() -> None:
+    """Bonferroni: of gains of chance [evidence] the best passes its price with that level."""
+    rng, count, level = np.random.default_rng(0), 150, SETTINGS.level
+    price = compute_price(1, 0, count, SETTINGS) / SETTINGS.temperature
+    assert price == pytest.approx(math.log(count / level))
+    best = rng.exponential(size=(4000, count)).max(axis=1)  # P(log odds > x) <= exp(-x)
+    assert np.mean(best > price) == pytest.approx(level, abs=0.015)
+
+
+def test_a_value_costs_half_the_log_of_the_evidence() -> None:
+    """As in Schwarz's criterion, one piece of evidence being a temperature's nats a reading."""
+    one = compute_price(1, 1, 10, SETTINGS)
+    none = compute_price(1, 0, 10, SETTINGS)
+    worth = math.log(1 / SETTINGS.temperature) / 2
+    assert (one - none) / SETTINGS.temperature == pytest.approx(worth)
+    both = compute_price(2, 1, 10, SETTINGS)
+    assert both == pytest.approx(one + none)

@@ -136,3 +136,24 @@ def test_windows_scales_have_the_students_weights() -> None:
         mixed = (weights * np.exp(-((x / 2.0**SHIFTS) ** 2) / 2) / 2.0**SHIFTS).sum()
         mixed /= np.sqrt(2 * np.pi)
         assert mixed == pytest.approx(t.pdf(x, freedom), rel=0.15)
+
+
+def test_usual_errors_pay_by_their_prior_what_the_evidence_weighs() -> None:
+    """Twelve deviations of one direction in a log whose readings are worth hundreds of nats.
+
+    The held-out density takes them for nothing; at the temperature they cost u^2 / 2 of evidence.
+    """
+    rng = np.random.default_rng(7)
+    count, rows = 20, 50
+    times = np.tile(np.linspace(0, 2, rows), (count, 1))
+    way = 0.5 * rng.normal(size=(count, rows, 1, 1))
+    noise, none = np.array([0.01]), np.zeros((count, rows, 1, 0))
+    errors = 12.0 * way[..., 0] + 0.01 * rng.normal(size=(count, rows, 1))
+    used = np.ones((count, rows), bool)
+    likelihood = Likelihood(times, used, noise, none, way, SETTINGS)
+    trained = likelihood.train(likelihood.project(errors), np.arange(0, count, 2))
+    charge = likelihood.charge(trained)
+    evidence = SETTINGS.temperature * count * rows / 2
+    assert evidence > 1
+    assert charge.sum() / 2 == pytest.approx(evidence * 12.0**2 / 2, rel=0.01)
+    assert np.ptp(charge) == 0.0  # windows of as many rows pay alike

@@ -1,0 +1,46 @@
+"""Whether an explanation stands alone, among fits of which it is known how well each predicts."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from sim2real.diagnosis.inference import distance
+from sim2real.diagnosis.inference.distance import stands_alone
+
+
+@pytest.fixture(autouse=True)
+def _known(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fit is as good as the best unless it is marked as worse."""
+    told = lambda fitter, bootstrap, best, other: other.worse  # noqa: E731
+    monkeypatch.setattr(distance, "is_told_apart", told)
+
+
+def fit(*labels: str, worse: bool = False) -> Any:
+    """Return what stands for a fit."""
+    members = [SimpleNamespace(label=label) for label in labels]
+    return SimpleNamespace(hypothesis=SimpleNamespace(members=members), worse=worse)
+
+
+def alone(best: Any, *others: Any) -> bool:
+    """Return whether the best stands alone among others."""
+    nothing: Any = None
+    return stands_alone(nothing, nothing, best, others)
+
+
+def test_quite_other_causes_that_do_as_well_contest() -> None:
+    """Two others do, one in the place of one does not, and neither does what is worse."""
+    best = fit("friction.a", "delay")
+    assert alone(best, fit("friction.b", "delay"))
+    assert not alone(best, fit("friction.b", "lag"))
+    assert alone(best, fit("friction.b", "lag", worse=True))
+    assert alone(best, fit("friction.b", "lag", "play"))  # it is longer
+
+
+def test_two_equivalents_together_are_no_other_explanation() -> None:
+    """Each stands for one of the best by itself as well; one alone does not excuse both."""
+    best, both = fit("inertia", "mass"), fit("rotor", "strength")
+    one, other = fit("rotor", "mass"), fit("inertia", "strength")
+    assert alone(best, both, one, other)
+    assert alone(best, both, one)  # the strength is in the place of the mass then
+    assert not alone(best, both, fit("rotor", "mass", worse=True))
