@@ -81,7 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     said, right = read(chosen.exam)
     times = fit(said, right)
     now = DEFAULT.inference.temperature
-    print(f"temperature {times * now:.3g} nats a reading (now {now:g}), of {len(said)} answers")
+    print(f"temperature {times * now:.3g} nats a row (now {now:g}), of {len(said)} answers")
     shown = read(chosen.shown) if chosen.shown else (said, right)
     print(table(at(shown[0], times), shown[1]).markdown())
     return 0

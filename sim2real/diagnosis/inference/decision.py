@@ -60,12 +60,12 @@ def decide_verdict(standing: Standing, settings: Inference) -> Verdict:
 
 
 def compute_price(members: int, values: int, choices: int, settings: Inference) -> float:
-    """Return what a hypothesis has to win over the model as given [nats a reading].
+    """Return what a hypothesis has to win over the model as given [nats a row].
 
     Each member is one of so many that were looked at, so that one of them is expected to gain the
     log of their number by chance (Bonferroni), and odds of one over the level are asked for beside
     it. Each value costs half the log of the evidence (Schwarz 1978, doi:10.1214/aos/1176344136),
-    which is one over the temperature: readings are no independent evidence.
+    which is one over the temperature: rows are no independent evidence.
 
     Args:
         members: of the hypothesis.
@@ -84,13 +84,13 @@ def compute_posterior(
 
     What the best hypothesis gains and what a free discrepancy still gains over it are one gap, in
     the same unit; a law that is missing has made the second, and as large a share of the first as
-    of the whole. Among the hypotheses odds are exponentials of log predictive densities a reading
-    over a temperature, since readings are no independent evidence; each costs its price.
+    of the whole. Among the hypotheses odds are exponentials of log predictive densities a row
+    over a temperature, since rows are no independent evidence; each costs its price.
 
     Args:
-        scores: what each hypothesis gains over the model as given [nats a reading].
-        prices: of each, see `compute_price` [nats a reading].
-        left: what a free discrepancy gains over the best [nats a reading].
+        scores: what each hypothesis gains over the model as given [nats a row].
+        prices: of each, see `compute_price` [nats a row].
+        left: what a free discrepancy gains over the best [nats a row].
         settings: tolerance and temperature.
     """
     gained, left = max(scores[0], 0.0), max(left, 0.0)

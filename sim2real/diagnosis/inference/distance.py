@@ -37,10 +37,10 @@ def is_told_apart(fitter: Fitter, bootstrap: Bootstrap, best: Fit, other: Fit) -
     """Return whether these windows tell the best from another explanation.
 
     They do where it predicts significantly better, and with odds of one over the level: readings
-    are no independent evidence, so odds change by e for each `temperature` nats a reading.
+    are no independent evidence, so odds change by e for each `temperature` nats a row.
     """
     gain = bootstrap.gain(best.score - other.score)
-    odds = gain.total / fitter.replayer.readings / fitter.settings.temperature
+    odds = gain.total / fitter.replayer.compared / fitter.settings.temperature
     return gain.low > 0 and odds > math.log(1 / fitter.settings.level)
 
 

@@ -124,7 +124,8 @@ class Judge:
         self.replayer = Replayer(data, *self._rest)
         self.fold = deal_folds(data.windows)
         self.bootstrap = Bootstrap(data.windows, rng or np.random.default_rng(0), self.settings)
-        self.readings = self.replayer.readings
+        self.rows = self.replayer.compared
+        self.readings = self.rows * len(self.replayer.noise)
         noise = self.replayer.noise
         self.most = np.maximum(self.replayer.count, noise) / noise  # a count, in noises
         self.choices = 1  # changes that the vocabulary has
@@ -190,10 +191,10 @@ class Judge:
         """Return whether further members win what they have to, for certain."""
         gain = self.bootstrap.gain(more.score - less.score)
         further = self.price(more.hypothesis) - self.price(less.hypothesis)
-        return gain.low > 0 and gain.total > further * self.readings
+        return gain.low > 0 and gain.total > further * self.rows
 
     def price(self, hypothesis: Hypothesis) -> float:
-        """Return what a hypothesis has to win [nats a reading]."""
+        """Return what a hypothesis has to win [nats a row]."""
         values = int(hypothesis.smooth.sum())
         return compute_price(len(hypothesis.members), values, self.choices, self.settings)
 
@@ -233,7 +234,7 @@ class Judge:
         lines = trace_lines(self.glance, base, starts)
         if not best.hypothesis.members:
             self.lines = lines
-        gains = [line.gain / self.glance.replayer.readings for line in lines]
+        gains = [line.gain / self.glance.replayer.compared for line in lines]
         prices = [self.price(Hypothesis((line.member,))) for line in lines]
         if self._explains(best) and all(map(operator.lt, gains, prices)):
             return False
@@ -316,9 +317,9 @@ class Judge:
         rivals = rank_fits([f for f in tried.values() if f is not best and f.hypothesis.members])
         fits = [best, *rivals]
         chances, unknown = compute_posterior(
-            [(fit.total - self.given.total) / self.readings for fit in fits],
+            [(fit.total - self.given.total) / self.rows for fit in fits],
             [self.price(fit.hypothesis) for fit in fits],
-            left.gain.total,
+            left.gain.total * self.readings / self.rows,
             self.settings,
         )
         return Judgement(

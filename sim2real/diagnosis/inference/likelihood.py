@@ -119,9 +119,8 @@ class Likelihood:
         rows = used.sum(axis=1)
         plain = rows * np.log(2 * np.pi * noise[:, None] ** 2)  # (M, W)
         self._log_det = np.log(scale).sum(axis=-1)[:, :, None] + plain
-        self.readings = int(rows.sum()) * len(noise)
         self._local = local.shape[-1]
-        evidence = max(settings.temperature * self.readings / FOLDS, 1.0)
+        evidence = max(settings.temperature * int(rows.sum()) / FOLDS, 1.0)
         directions = np.concatenate([local, common / np.sqrt(evidence)], axis=-1)
         self._turned = self._turn(np.where(used[..., None, None], directions, 0.0))
         weighed = self._turned[:, None] * self._inverse[..., None]  # (T, S, M, W, N, D)

@@ -122,9 +122,9 @@ class Replayer:
         return other
 
     @property
-    def readings(self) -> int:
-        """How many readings are compared."""
-        return int(self.used.sum()) * len(self.noise)
+    def compared(self) -> int:
+        """How many rows are compared, of each joint."""
+        return int(self.used.sum())
 
     def replay(self, jobs: Sequence[Job]) -> list[Replay]:
         """Return what each job comes to; jobs share batches, those with changed logs theirs."""

@@ -105,8 +105,8 @@ class Inference:
     temperature: float = setting(
         0.03,
         "1",
-        "nats a reading that change the odds of two hypotheses by e: readings are no independent "
-        "evidence",
+        "nats a row, of all joints, that change the odds of two hypotheses by e: rows are no "
+        "independent evidence",
         JUDGED,
     )
     equivalents_max: int = setting(
