@@ -18,6 +18,7 @@ from hardware.config import load_robot
 from hardware.errors import RobotError
 
 STEP = 2 * np.pi / 4096  # rad, a count
+OWN = {"drive_mode": 0, "homing_offset": 0}
 
 
 def test_round_trip(tmp_path):
@@ -49,14 +50,7 @@ def test_lerobots_joints_go_by_their_ids(tmp_path):
     """A Koch's joints have other names in LeRobot; with another ID among them names must agree."""
     names = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
     table = {
-        name: {
-            "id": i,
-            "drive_mode": 0,
-            "homing_offset": 0,
-            "range_min": 500,
-            "range_max": 3500 + i,
-        }
-        for i, name in enumerate(names, 1)
+        name: dict(OWN, id=i, range_min=500, range_max=3500 + i) for i, name in enumerate(names, 1)
     }
     path, robot = tmp_path / "koch.json", load_robot("koch", needs_model=False)
     path.write_text(json.dumps(table))
