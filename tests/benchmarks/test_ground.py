@@ -69,9 +69,7 @@ ALIKE = cause("armature", "hip_fl", Equivalent("coulomb_friction", "hip_fl"))
         (answer("explained", ALIKE, cause("payload", "hip_br")), 1, 0, 1),
     ],
 )
-def test_an_answer_is_right_where_the_first_cause_is(
-    report: Report, right: int, wrong: int, more: int
-) -> None:
+def test_an_answer_is_right_where_the_first_cause_is(report: Report, right, wrong, more) -> None:
     """Or what cannot be told from it; a false explanation and further causes are counted."""
     row = scored(report, [{"effect": "coulomb_friction", "where": "hip_fl", "value": 0.1}])
     assert (row["right"], row["explained_wrong"], row["superfluous"]) == (right, wrong, more)

@@ -88,9 +88,7 @@ def test_help_lists_experiments_and_groups(answers: dict[tuple[str, ...], list[A
 
 
 @pytest.mark.parametrize("argv", MISTAKES, ids=" ".join)
-def test_mistakes_are_answered_in_a_sentence(
-    argv: tuple[str, ...], answers: dict[tuple[str, ...], list[Any]]
-) -> None:
+def test_mistakes_are_answered_in_a_sentence(argv: tuple[str, ...], answers) -> None:
     """One line names place, value and remedy; torch is not imported and no file written."""
     status, _, err, torch_imported = answers[argv]
     assert (status, torch_imported) == (2, False)

@@ -38,9 +38,7 @@ def samples(count: int, start: int) -> TensorDict:
     shuffle=st.booleans(),
     stop=st.integers(1, 4),
 )
-def test_it_yields_what_replay_buffer_yields(
-    counts: list[int], batch: int, drop_last: bool, shuffle: bool, stop: int
-) -> None:
+def test_it_yields_what_replay_buffer_yields(counts, batch, drop_last, shuffle, stop) -> None:
     """Over epochs, an epoch that is broken off, and new samples: the same, in the same order."""
     found = []
     for kind in (FastReplayBuffer, data.ReplayBuffer):
