@@ -130,9 +130,9 @@ def check_module(name: str, words: list[str], monkeypatch: pytest.MonkeyPatch) -
 def marked(line: str, place: str) -> Any:
     """Return a command line as a parameter.
 
-    Those of docstrings alone and of tables of results wait for the long suite.
+    Those of docstrings alone, of the notebook and of tables of results wait for the long suite.
     """
-    late = place.endswith(".py") or place.startswith("benchmarks/results")
+    late = place.endswith(".py") or place.startswith("benchmarks/")
     marks = [pytest.mark.slow] if late else []
     return pytest.param(line, id=f"{place}: {line}", marks=marks)
 

@@ -114,9 +114,7 @@ def test_the_lowest_versions_diagnose_the_demo(dist: Path, tmp_path: Path) -> No
 @pytest.mark.slow
 @pytest.mark.timeout(2400)
 @pytest.mark.parametrize("version", ["3.12", "3.13"])  # 3.11: the notebook, and the lowest versions
-def test_the_wheel_runs_without_torch_and_repository(
-    dist: Path, tmp_path: Path, version: str
-) -> None:
+def test_the_wheel_runs_without_torch_and_repository(dist: Path, tmp_path, version: str) -> None:
     """The newest dependencies on newer Pythons run the demo, and its verdict is a plain table."""
     succeed(interpreter(version), "-m", "venv", tmp_path / "venv")
     python, program = tmp_path / "venv/bin/python", tmp_path / "venv/bin/sim2real"
@@ -159,9 +157,7 @@ def test_the_source_distribution_holds_what_the_tests_need(dist: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(2400)
-def test_the_notebook_runs_in_an_empty_environment(
-    dist: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_notebook_runs_in_an_empty_environment(dist: Path, tmp_path: Path, monkeypatch) -> None:
     """Its first cell installs the wheel; the report names what the arm of the demo hides."""
     nbclient = pytest.importorskip("nbclient", reason="notebooks need the extra 'notebooks'")
     nbformat = pytest.importorskip("nbformat", reason="notebooks need the extra 'notebooks'")

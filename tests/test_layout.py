@@ -12,6 +12,7 @@ ROOT = Path(__file__).resolve().parent.parent
 ROOMS = ("conf", "envs", "hardware", "sim2real")
 TORCH = {"torch", "torchrl", "tensordict"}
 HYDRA = {"hydra", "omegaconf"}
+LEARNS = ("config", "runs", "learning", "evaluation", "deployment")
 KNOWS = {  # each room of sim2real/, and the other rooms that it may import
     "runs": set(),
     "config": {"runs"},
@@ -21,50 +22,14 @@ KNOWS = {  # each room of sim2real/, and the other rooms that it may import
     "deployment": {"config", "learning", "runs"},
     "identification": {"diagnosis", "runs"},
     "exam": {"diagnosis", "runs"},
-    "loops": {
-        "config",
-        "runs",
-        "learning",
-        "evaluation",
-        "deployment",
-        "diagnosis",
-        "identification",
-        "exam",
-    },
-    "verbs": {
-        "config",
-        "runs",
-        "learning",
-        "evaluation",
-        "deployment",
-        "diagnosis",
-        "identification",
-        "exam",
-        "loops",
-    },
+    "loops": set(LEARNS) | {"diagnosis", "identification", "exam"},
+    "verbs": set(LEARNS) | {"diagnosis", "identification", "exam", "loops"},
 }
-FLOORS = (
-    "settings",
-    "evidence",
-    "schema",
-    "data",
-    "locate",
-    "numerics",
-    "ground",
-    "preflight",
-    "contract",
-    "prepare",
-    "closed_loop",
-    "inference",
-    "experiments",
-    "report",
-    "comparison",
-    "outcome",
-    "whole_replay",
-    "design",
-    "additions",
-    "diagnose",
-)  # of diagnosis/
+FLOORS = (  # of diagnosis/
+    *("settings", "evidence", "schema", "data", "locate", "numerics", "ground", "preflight"),
+    *("contract", "prepare", "closed_loop", "inference", "experiments", "report", "comparison"),
+    *("outcome", "whole_replay", "design", "additions", "diagnose"),
+)
 
 
 def sources(*folders: str) -> list[Path]:

@@ -12,16 +12,8 @@ from mujoco import sysid
 from benchmarks import diagnosis
 from benchmarks.ground import KNEE
 from benchmarks.report import document, table
+from benchmarks.rows import diagnosis as rows
 from benchmarks.rows.base import Row, Timing
-from benchmarks.rows.diagnosis import (
-    HIDDEN,
-    Diagnose,
-    Recorded,
-    Worked,
-    fitted,
-    fitted_by_sysid,
-    record,
-)
 from benchmarks.rows.walks import CAUSES, DiagnoseWalks, PriceCauses
 from benchmarks.speed import Measured, default_rows
 
@@ -29,36 +21,36 @@ SYSID = hasattr(sysid, "optimize")  # without its extra the package is empty
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> rows.Recorded:
     """Half a minute would be better; nine seconds are enough for six values."""
-    return record(tmp_path_factory.mktemp("arm"), 3, 9.0, 1)
+    return rows.record(tmp_path_factory.mktemp("arm"), 3, 9.0, 1)
 
 
-def check(worked: Worked) -> None:
+def check(worked: rows.Worked) -> None:
     """Require the hidden friction and gain, nothing elsewhere, and counted replays."""
     friction, gain = np.reshape(worked.values, (2, 3))
-    np.testing.assert_allclose(friction, [0, 0, HIDDEN[0]["value"]], atol=0.03)
-    np.testing.assert_allclose(gain, [1, HIDDEN[1]["value"], 1], atol=0.12)
+    np.testing.assert_allclose(friction, [0, 0, rows.HIDDEN[0]["value"]], atol=0.03)
+    np.testing.assert_allclose(gain, [1, rows.HIDDEN[1]["value"], 1], atol=0.12)
     assert worked.amount > 10
     assert worked.seconds > 0
     assert worked.memory > 5e7
 
 
 @pytest.mark.slow
-def test_the_fit_finds_what_is_hidden(recorded: Recorded) -> None:
+def test_the_fit_finds_what_is_hidden(recorded: rows.Recorded) -> None:
     """Of six values four are neutral and two are those of the emulated arm."""
-    check(fitted(recorded))
+    check(rows.fitted(recorded))
 
 
 @pytest.mark.skipif(not SYSID, reason="needs mujoco[sysid]; pip install '.[bench]'")
-def test_sysid_is_given_the_same_fit(recorded: Recorded) -> None:
+def test_sysid_is_given_the_same_fit(recorded: rows.Recorded) -> None:
     """mujoco.sysid finds the same values: what it is compared with is no worse a question."""
-    check(fitted_by_sysid(recorded))
+    check(rows.fitted_by_sysid(recorded))
 
 
 def test_the_table_tells_the_time_and_its_limit() -> None:
     """A row with a limit has a line of its own, of the median time of its runs."""
-    row = Diagnose("diagnose_3_joints", 3, 48.0, 1)
+    row = rows.Diagnose("diagnose_3_joints", 3, 48.0, 1)
     one = Measured(row, [Timing(48, s, 0) for s in (50.0, 70.0, 400.0)], [0.0] * 3, 3e8)
     machine = {"cpu": "c", "cores": 2, "torch_threads": 1, "omp_num_threads": "1"}
     text = table(document([one], [], machine))
@@ -70,7 +62,7 @@ def test_the_table_tells_the_time_and_its_limit() -> None:
 @pytest.mark.parametrize(("memory", "holds"), [(1.5, "yes"), (3.0, "**no**")])
 def test_the_table_tells_the_memory_and_its_limit(memory: float, holds: str) -> None:
     """The six joints may take two GiB at most."""
-    row = Diagnose("diagnose_6_joints", 6, 120.0, 3)
+    row = rows.Diagnose("diagnose_6_joints", 6, 120.0, 3)
     one = Measured(row, [Timing(360, 30.0, 0)], [0.0], memory * 2**30)
     machine = {"cpu": "c", "cores": 2, "torch_threads": 1, "omp_num_threads": "1"}
     text = table(document([one], [], machine))
@@ -113,7 +105,7 @@ def test_a_row_diagnoses_walks() -> None:
 @pytest.mark.slow
 def test_a_row_diagnoses_in_its_own_process() -> None:
     """The row records, diagnoses, and tells the memory of its process."""
-    row = Diagnose("diagnose_3_joints", 3, 9.0, 1)
+    row = rows.Diagnose("diagnose_3_joints", 3, 9.0, 1)
     timing = timed(row)
     assert timing.steps == pytest.approx(9.0, abs=0.1)
     assert row.peak() > 5e7  # type: ignore[operator]

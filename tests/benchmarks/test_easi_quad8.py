@@ -61,15 +61,9 @@ def test_each_step_is_done_once_and_in_order(tmp_path: Path, monkeypatch) -> Non
     words = ["--task", "quad8", "--rows", "udr", "oracle", "easi_200", "--seeds", "0", "1", *places]
     assert main(words) == 0
     assert shell.jobs[:9] == [
-        "udr",
-        "udr walks 10 for udr",
-        "oracle",
-        "oracle walks 10 for oracle",
-        "udr walks 200 for demonstrations_200",
-        "identify_easi_200",
-        "easi_200",
-        "easi_200 walks 10 for easi_200",
-        "udr",
+        *("udr", "udr walks 10 for udr", "oracle", "oracle walks 10 for oracle"),
+        *("udr walks 200 for demonstrations_200", "identify_easi_200", "easi_200"),
+        *("easi_200 walks 10 for easi_200", "udr"),
     ]
     assert shell.given["udr"]["params"] == "quad8_servos" and "effects" not in shell.given["udr"]
     assert shell.given["oracle"]["effects"] == str(SHIFTS / "quad8_servos.yaml")

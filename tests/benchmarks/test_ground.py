@@ -42,15 +42,8 @@ def test_draws_are_sealed_by_their_seed() -> None:
     keys = [drawn(robot, np.random.default_rng([5, k])) for k in range(40)]
     assert keys == [drawn(robot, np.random.default_rng([5, k])) for k in range(40)]
     assert {entry["effect"] for key in keys for entry in key} == {
-        "coulomb_friction",
-        "motor_strength",
-        "command_delay",
-        "ground_friction",
-        "payload",
-        "viscous_friction",
-        "imu_mounting",
-        "imu_delay",
-        "gyro_bias",
+        *("coulomb_friction", "motor_strength", "command_delay", "ground_friction", "payload"),
+        *("viscous_friction", "imu_mounting", "imu_delay", "gyro_bias"),
     }
     assert [] in keys
 
@@ -64,27 +57,19 @@ def test_each_robot_can_hide_what_is_drawn(name: str) -> None:
         EmulatedRobot(robot, hidden=make_hidden(key, robot))
 
 
+ALIKE = cause("armature", "hip_fl", Equivalent("coulomb_friction", "hip_fl"))
+
+
 @pytest.mark.parametrize(
     ("report", "right", "wrong", "more"),
     [
         (answer("explained", cause("coulomb_friction", "hip_fl")), 1, 0, 0),
         (answer("explained", cause("coulomb_friction", "hip_fr")), 0, 1, 1),
         (answer("unexplained"), 0, 0, 0),
-        (
-            answer(
-                "explained",
-                cause("armature", "hip_fl", Equivalent("coulomb_friction", "hip_fl")),
-                cause("payload", "hip_br"),
-            ),
-            1,
-            0,
-            1,
-        ),
+        (answer("explained", ALIKE, cause("payload", "hip_br")), 1, 0, 1),
     ],
 )
-def test_an_answer_is_right_where_the_first_cause_is(
-    report: Report, right: int, wrong: int, more: int
-) -> None:
+def test_an_answer_is_right_where_the_first_cause_is(report: Report, right, wrong, more) -> None:
     """Or what cannot be told from it; a false explanation and further causes are counted."""
     row = scored(report, [{"effect": "coulomb_friction", "where": "hip_fl", "value": 0.1}])
     assert (row["right"], row["explained_wrong"], row["superfluous"]) == (right, wrong, more)

@@ -213,19 +213,9 @@ def leave_scores(folder: Path, more: float = 0.0) -> None:
     """Write what an evaluated training leaves behind."""
     grid = Grid([Axis("goal", low=-1.0, high=1.0, count=2)], {})
     before, after = np.array([[[1.0], [2.0]]]) + more, np.array([[[3.0], [4.0]]]) + more
+    goal, none = (Parameter("goal", "goal"),), before * 0
     scores = GridScores(
-        grid,
-        (Parameter("goal", "goal"),),
-        {},
-        ("seed 0",),
-        (1000,),
-        (10,),
-        1,
-        3,
-        before,
-        after,
-        before * 0,
-        after * 0,
+        *(grid, goal, {}, ("seed 0",), (1000,), (10,), 1, 3, before, after, none, none)
     )
     scores.write(folder, seed=0, threshold=0.0, summary=[])
     manifest = {"packages": {"mujoco": "4.0.0"}, "git": None}

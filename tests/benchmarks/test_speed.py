@@ -23,18 +23,9 @@ from benchmarks.world import controller, make_simulation
 from sim2real.learning.population.population import Population
 
 NAMES = {
-    "raw_physics",
-    "batched_env_n256",
-    "batched_env_n1024",
-    "collector",
-    "envpool",
-    "gymnasium_torch",
-    "gymnasium_vector",
-    "torchrl_gymenv_collector",
-    "torchrl_parallel",
-    "es_population",
-    "es_two_processes_torch",
-    "es_two_processes_numpy",
+    *("raw_physics", "batched_env_n256", "batched_env_n1024", "collector", "envpool"),
+    *("gymnasium_torch", "gymnasium_vector", "torchrl_gymenv_collector", "torchrl_parallel"),
+    *("es_population", "es_two_processes_torch", "es_two_processes_numpy"),
 }
 
 

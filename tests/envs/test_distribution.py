@@ -152,10 +152,7 @@ def test_a_simulation_of_another_robot_is_refused() -> None:
         ({"value": 1.3}, "value=1.3 is not mean=1.2"),
         ({"sdt": 0.1}, "unknown key 'sdt'.*did you mean 'std'"),
         ({"wrong_root": 1}, "unknown key 'wrong_root'"),
-        (
-            {"joint": [[1.0, 0.8], [0.7, 1.0]]},
-            "'joint' is not a correlation matrix: it is not symmetric",
-        ),
+        ({"joint": [[1.0, 0.8], [0.7, 1.0]]}, "is not a correlation matrix: it is not symmetric"),
         ({"joint": [[1.0, 1.8], [1.8, 1.0]]}, "contradict each other"),
         ({"joint": [[2.0, 0.8], [0.8, 1.0]]}, "its diagonal is not 1"),
         ({"joint": [[1.0]]}, "joint must be a 2 by 2 matrix"),

@@ -182,9 +182,7 @@ def test_joints_without_names_go_by_their_bodies(tmp_path: Path) -> None:
     ],
     ids=["rounded away", "a frame", "a wrong sign"],
 )
-def test_an_inertia_that_is_not_positive(
-    tmp_path: Path, mass: str, inertia: str, moments: list | str | None
-) -> None:
+def test_an_inertia_that_is_not_positive(tmp_path, mass: str, inertia: str, moments) -> None:
     """Rounded or a placeholder's it is made positive; that of no body is named with its line."""
     path = urdf(tmp_path, "shoulder: {kp: 20.0}")
     link = f'<inertial><mass value="{mass}"/><inertia {inertia}/></inertial></link>'

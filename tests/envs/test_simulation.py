@@ -62,9 +62,7 @@ def episode(num_rows: int, row: int, threads: int, alone: bool) -> list[np.ndarr
     ("num_rows", "row", "threads", "alone"),
     [(64, 0, 1, False), (64, 41, 2, False), (64, 63, 2, True), (5, 3, 2, True)],
 )
-def test_an_episode_does_not_depend_on_its_place(
-    num_rows: int, row: int, threads: int, alone: bool
-) -> None:
+def test_an_episode_does_not_depend_on_its_place(num_rows: int, row: int, threads, alone) -> None:
     """The same parameters, seed and actions give the same bits in any row, batch and threads."""
     for ours, expected in zip(
         episode(num_rows, row, threads, alone), episode(1, 0, 1, False), strict=True

@@ -18,6 +18,7 @@ from hardware.config import load_robot
 from hardware.errors import RobotError
 
 STEP = 2 * np.pi / 4096  # rad, a count
+OWN = {"drive_mode": 0, "homing_offset": 0}
 
 
 def test_round_trip(tmp_path):
@@ -49,14 +50,7 @@ def test_lerobots_joints_go_by_their_ids(tmp_path):
     """A Koch's joints have other names in LeRobot; with another ID among them names must agree."""
     names = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
     table = {
-        name: {
-            "id": i,
-            "drive_mode": 0,
-            "homing_offset": 0,
-            "range_min": 500,
-            "range_max": 3500 + i,
-        }
-        for i, name in enumerate(names, 1)
+        name: dict(OWN, id=i, range_min=500, range_max=3500 + i) for i, name in enumerate(names, 1)
     }
     path, robot = tmp_path / "koch.json", load_robot("koch", needs_model=False)
     path.write_text(json.dumps(table))
@@ -125,14 +119,8 @@ def test_files_of_schema_1(tmp_path):
 @pytest.mark.parametrize(
     ("calibration", "message"),
     [
-        (
-            Calibration({"hinge": Joint(1, 0, 0, 1, 4000)}, "quad8"),
-            "made on 'quad8', not on 'bench",
-        ),
-        (
-            Calibration({"hing": Joint(1, 0, 0, 1, 4000)}, "bench1"),
-            r"'hing' \(did you mean 'hinge'",
-        ),
+        (Calibration({"hinge": Joint(1, 0, 0, 1, 4000)}, "quad8"), "made on 'quad8', not on 'b"),
+        (Calibration({"hing": Joint(1, 0, 0, 1, 4000)}, "bench1"), r"'hing' \(did you mean 'hinge"),
         (Calibration({}), "lacks the joint 'hinge'"),
         (Calibration({"hinge": Joint(2, 0, 0, 1, 4000)}), r"servo 2 .*, the robot has servo 1"),
         (Calibration({"hinge": Joint(1, 0, 0, 4000, 4095, zero=2048)}), "nothing in common"),

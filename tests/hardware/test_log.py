@@ -86,19 +86,13 @@ def test_views():
         (HEADER + "0,0,1,1\n0,1,1,1\n1,0,1,1\n", r"row 2 \(line 4\).*episode 1 has 1 row"),
         (HEADER + "0,0,1,1\n0,1,1,1\n1,0,1,1\n1,1,1,1\n0,2,1,1\n0,3,1,1\n", r"row 4.*0 comes back"),
         (HEADER + "0.5,0,1,1\n0.5,1,1,1\n", r"column 'episode': 0.5 is not a whole number"),
-        (
-            HEADER + "0,0,1,1e300\n0,1,1,1\n",
-            r"row 0 \(line 2\), column 'qpos.hinge': 1e\+300 is no",
-        ),
+        (HEADER + "0,0,1,1e300\n0,1,1,1\n", r"\(line 2\), column 'qpos.hinge': 1e\+300 is no"),
         (
             "ep,t,cmd,pos\n0,0,1,1\n",
             r"'episode' and 'time' and 'ctrl.<actuator>' and 'qpos.<joint>'",
         ),
         ("ep,t,cmd,pos\n0,0,1,1\n", r"are missing.*sim2real convert LOG columns=columns.yaml"),
-        (
-            HEADER.replace(",", ";") + "0;0;1,5;1\n0;1;1;1\n",
-            "'1,5' is not a number; write decimals",
-        ),
+        (HEADER.replace(",", ";") + "0;0;1,5;1\n0;1;1;1\n", "'1,5' is not a number; write decimal"),
         ("a" * 300_000 + "\n1\n", "the first line names no columns"),
         ("x," * 600_000 + "\n1\n", "the first line has 1,000,000 characters or more"),
         ("x," * 200_000 + "y\n1\n", "column 'x' is there 200000 times"),

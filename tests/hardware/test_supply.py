@@ -87,10 +87,7 @@ def test_the_simulated_robot_has_the_same_voltages():
 @pytest.mark.parametrize(
     ("supply", "message"),
     [
-        (
-            {"voltage": 12.0},
-            r"servos.hinge1: its supply has 12 V, and a xl330-m288 takes 3.5 to 7 V",
-        ),
+        ({"voltage": 12.0}, r"hinge1: its supply has 12 V, and a xl330-m288 takes 3.5 to 7 V"),
         ({"voltage": 3.0}, r"its supply has 3 V, .* give this servo its own, as in supply: \{volt"),
         ({"voltage": 0.0}, r"servos.hinge1: supply.voltage: 0.0 is not above 0"),
         ({"voltage": 5.0, "resistance": -1.0}, r"supply.resistance: -1.0 is below 0"),
@@ -141,10 +138,7 @@ def test_a_rehearsal_of_a_type_without_emulation_is_refused(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (
-            {"position": [-3.2, 3.2]},
-            r"is -38 to 4134 counts \(zero 2048\), and a .* takes 0 to 4095",
-        ),
+        ({"position": [-3.2, 3.2]}, r"is -38 to 4134 counts \(zero 2048\), and a .* takes 0 to 40"),
         ({"zero": 100}, r"position \[-2, 2\] is -1204 to 1404 counts \(zero 100\)"),
         ({"current": 9.0}, r"current 9.0; it is above 0, at most 1.75 A"),
     ],

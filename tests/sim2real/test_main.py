@@ -271,9 +271,7 @@ def test_a_log_file_on_a_full_disk_is_no_traceback(run: Run, monkeypatch, capsys
     assert "Logging error" not in capsys.readouterr().err
 
 
-def test_a_page_is_viewed_without_a_run(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_page_is_viewed_without_a_run(run: Run, tmp_path: Path, monkeypatch, capsys) -> None:
     """`view PAGE.html` opens the file, makes no folder, and takes one page alone."""
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", lambda url: bool(opened.append(url)) or True)

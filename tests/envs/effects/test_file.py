@@ -87,10 +87,7 @@ def test_an_empty_file_has_no_effects(tmp_path: Path) -> None:
         ("- {effect: cogging, where: a, value: 1, extra: {cnt: 3}}", "no extra 'cnt'"),
         ("- {effect: cogging, where: a, value: 1, extra: 3}", "extra=3 a mapping"),
         ("- {effect: cogging, where: a, value: 1, extra: {how: add, where: b}}", "cogging"),
-        (
-            f"- {{effect: backlash, value: 1, where: {NESTED}}}",
-            r"where=\[.*\.\.\..* must be a name",
-        ),
+        (f"- {{effect: backlash, value: 1, where: {NESTED}}}", r"where=\[.*\.\.\..* must be a nam"),
         ("- !!python/object/apply:os.system ['true']", "is not YAML"),
     ],
 )

@@ -146,9 +146,7 @@ def test_effects_are_the_same_on_both_engines(name: str) -> None:
         ("thermal_derating", {"braking": 1.0, "decay": 0.5}, [0.0, 1.0, 5.0]),
     ],
 )
-def test_the_ways_of_an_effect_are_the_same_on_both_engines(
-    name: str, given: dict[str, Any], values: list[float]
-) -> None:
+def test_the_ways_of_an_effect_are_the_same_on_both_engines(name: str, given, values) -> None:
     """Loops that are closed behind a joint, bristles, loads and heat."""
     batch, warp = pair(lambda: Quad8("ideal"), lambda: [make(name, where="hip_fl", **given)])
     assert gap(batch, warp, np.array(values).reshape(ROWS, 1)) < 1e-3

@@ -78,9 +78,7 @@ def test_the_goal_is_in_the_reward_alone() -> None:
         ("Walker2d-v5", Walker2dVelocity, 1.0, 0.0),
     ],
 )
-def test_physics_and_velocities_are_gymnasiums(
-    robot: str, task: type[Task], alive: float, cost: float
-) -> None:
+def test_physics_and_velocities_are_gymnasiums(robot: str, task: type[Task], alive, cost) -> None:
     """From one state and the same actions, rewards are a closed form of Gymnasium's velocity."""
     simulation = Simulation(task(), 3, [Goal()], threads=1)
     simulation.reset(IDS, GOALS[:, None], SEEDS)

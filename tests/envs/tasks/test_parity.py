@@ -74,9 +74,7 @@ def test_spaces_and_limits_are_gymnasiums(task: Task, name: str, options: dict[s
 
 
 @pytest.mark.parametrize(("task", "name", "options"), PAIRS)
-def test_starts_are_distributed_as_gymnasiums(
-    task: Task, name: str, options: dict[str, Any]
-) -> None:
+def test_starts_are_distributed_as_gymnasiums(task: Task, name: str, options) -> None:
     """Starting states have the mean and spread, per coordinate, that Gymnasium's have."""
     theirs, ours = gymnasium_env(name, options), Simulation(task, num_rows=1, threads=1)
     data = theirs.unwrapped.data  # type: ignore[attr-defined]

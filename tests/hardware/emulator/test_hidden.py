@@ -349,10 +349,7 @@ def test_nothing_hidden_is_neutral():
             r"entry 1 \(backlsh\): unknown effect \(did you mean 'b",
         ),
         ({"effect": "backlash", "where": "hing", "value": 1}, r"no servo or joint 'hing'.*'hinge'"),
-        (
-            {"effect": "payload", "where": "arms", "value": 1},
-            r"no body 'arms' \(did you mean 'arm'",
-        ),
+        ({"effect": "payload", "where": "arms", "value": 1}, r"no body 'arms' \(did you mean 'arm"),
         ({"effect": "backlash", "value": -1}, r"-1 is not a finite number of at least 0"),
         ({"effect": "backlash", "value": "x"}, r"'x' is not a finite number"),
         ({"effect": "backlash", "value": 1, "side": "left"}, r"side 'left'; it can be 'motor'"),

@@ -239,9 +239,7 @@ def test_the_nanoseconds_of_a_stamp_are_added(tmp_path: Path) -> None:
         ("qpos.a", "counts/many", "names no counts of a turn; write `counts/4096`"),
     ],
 )
-def test_a_unit_of_another_dimension_is_refused(
-    tmp_path: Path, column: str, unit: str, sentence: str
-) -> None:
+def test_a_unit_of_another_dimension_is_refused(tmp_path, column: str, unit: str, sentence) -> None:
     """With the units that the column takes."""
     (tmp_path / "a.csv").write_text("t,c,q,x\n0,1,1,1\n0.1,1,1,1\n")
     columns = {"time": "t", "ctrl.a": "c", "qpos.a": "q"} | {column: {"from": "x", "unit": unit}}

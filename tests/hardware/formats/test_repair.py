@@ -46,9 +46,7 @@ def iso(number: float) -> str:
     ],
     ids=["later", "unix", "ms", "us", "ns", "ms from 0", "iso", "pandas", "zulu"],
 )
-def test_time_may_have_any_origin_and_unit(
-    tmp_path: Path, time: list | np.ndarray, told: str | None
-) -> None:
+def test_time_may_have_any_origin_and_unit(tmp_path, time: list | np.ndarray, told) -> None:
     """It counts seconds from the episode's start; what was guessed is said."""
     log = read_log(csv(tmp_path, time))
     assert log.time == pytest.approx(TIME, abs=2e-6)
@@ -114,9 +112,7 @@ def test_other_lost_readings_leave_the_row_as_it_is(tmp_path: Path) -> None:
         ("qpos.a", dict.fromkeys(range(0, 200, 1), "x"), r"row 0 .*'x' is not a number"),
     ],
 )
-def test_what_cannot_be_left_out_is_refused(
-    tmp_path: Path, column: str, cells: dict[int, str], sentence: str
-) -> None:
+def test_what_cannot_be_left_out_is_refused(tmp_path, column: str, cells, sentence) -> None:
     """With row, column and what to do."""
     columns: dict[str, list] = {"time": TIME.tolist(), "qpos.a": SWING.tolist()}
     columns["ctrl.a"] = SWING.tolist()

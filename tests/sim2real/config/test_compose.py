@@ -16,6 +16,7 @@ from hydra.core.global_hydra import GlobalHydra
 from sim2real.config.catalogue import CONF
 from sim2real.config.compose import compose, device, save, sweep_jobs
 from sim2real.config.folders import run_folder
+from sim2real.config.hydra_compose import hydra_compose
 from sim2real.config.inherited import with_checkpoint
 from sim2real.config.targets import ConfigError, build, check, check_named
 
@@ -87,9 +88,7 @@ def test_help_lists_experiments_and_groups(answers: dict[tuple[str, ...], list[A
 
 
 @pytest.mark.parametrize("argv", MISTAKES, ids=" ".join)
-def test_mistakes_are_answered_in_a_sentence(
-    argv: tuple[str, ...], answers: dict[tuple[str, ...], list[Any]]
-) -> None:
+def test_mistakes_are_answered_in_a_sentence(argv: tuple[str, ...], answers) -> None:
     """One line names place, value and remedy; torch is not imported and no file written."""
     status, _, err, torch_imported = answers[argv]
     assert (status, torch_imported) == (2, False)
@@ -110,7 +109,7 @@ def test_composing_within_a_job_leaves_its_hydra_alone() -> None:
     with initialize_config_dir(str(CONF), version_base="1.3"):
         running = GlobalHydra.instance().hydra
         assert running is not None
-        assert compose(["+experiment=smoke", "seed=7"])["seed"] == 7
+        assert hydra_compose(["+experiment=smoke", "seed=7"])["seed"] == 7
         assert GlobalHydra.instance().hydra is running
     assert GlobalHydra.instance().hydra is None
 

@@ -104,9 +104,7 @@ def test_robots_are_found_by_name(own: Path) -> None:
         (["a=1"], None, ["a=1"]),
     ],
 )
-def test_the_option_is_taken_off_the_line(
-    line: list[str], folder: str | None, rest: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_option_is_taken_off_the_line(line: list[str], folder, rest, monkeypatch) -> None:
     """Both spellings are understood; without, the environment says."""
     monkeypatch.delenv(extensions.VARIABLE, raising=False)
     assert extensions.of_arguments(line) == folder

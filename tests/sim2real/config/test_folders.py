@@ -30,9 +30,7 @@ def test_two_runs_of_one_second_have_two_folders(tmp_path: Path) -> None:
         (["+experiment=smoke", "resume=nowhere"], "resume=nowhere: there is no such"),
     ],
 )
-def test_what_is_not_there_is_refused_first(
-    typed: list[str], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_not_there_is_refused_first(typed, sentence, tmp_path, monkeypatch) -> None:
     """Logs, models, checkpoints and runs to resume, with the key and the nearest name."""
     monkeypatch.chdir(tmp_path)
     Path("swing.csv").touch()

@@ -75,9 +75,7 @@ def test_signatures_are_read_from_the_source(module: str) -> None:
         ("Record.on", [True, False], [0, "true"]),
     ],
 )
-def test_values_are_held_against_type_hints(
-    module: str, name: str, good: list[Any], bad: list[Any]
-) -> None:
+def test_values_are_held_against_type_hints(module: str, name: str, good: list[Any], bad) -> None:
     """Each kind of hint accepts what it names and nothing else; an unknown one accepts anything."""
     of, argument = name.split(".")
     found = signatures.find(f"{module}.{of}")

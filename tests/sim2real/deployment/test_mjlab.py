@@ -102,9 +102,7 @@ def test_vectors_name_their_axes() -> None:
         ("sensor_noise", "hinge", 0.01, "it changes what is read"),
     ],
 )
-def test_what_no_term_says_is_refused_by_name(
-    name: str, where: str | None, value: float, reason: str
-) -> None:
+def test_what_no_term_says_is_refused_by_name(name: str, where: str | None, value, reason) -> None:
     """All of the refused are named, with the reason."""
     effects = [*SAID, (make(name, where=where), (value,)), (make("gravity_tilt"), (0.1, 0.0))]
     label = name if where is None else rf"{name}\.{where}"
@@ -137,9 +135,7 @@ def test_an_actuator_without_a_limit_is_refused() -> None:
         ("quad8", [("ground_friction", None, 0.7), ("armature", "knee_fr", 0.001)]),
     ],
 )
-def test_mjlab_has_what_the_plant_has(
-    robot: str, effects: list[tuple[str, str | None, float]], tmp_path: Path
-) -> None:
+def test_mjlab_has_what_the_plant_has(robot: str, effects, tmp_path) -> None:
     """In mjlab's own environment, on its MuJoCo: every field of every element, by its name."""
     own = Path(os.environ.get("SIM2REAL_MJLAB", Path(sys.prefix, "mjlab", "bin", "python")))
     if not own.is_file():

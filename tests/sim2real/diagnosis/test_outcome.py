@@ -35,9 +35,7 @@ def found() -> Diagnosis:
     return Diagnosis(report, effects, arm.spec(), ((0.05, 0.15), (0.05, 0.15)), ())
 
 
-def test_the_verdict_is_written_before_what_may_fail(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_verdict_is_written_before_what_may_fail(tmp_path: Path, monkeypatch) -> None:
     """A picture that cannot be drawn costs a line, not the report."""
 
     def fail(*_: object) -> None:
@@ -55,9 +53,7 @@ def test_the_verdict_is_written_before_what_may_fail(
     assert any("size 1" in words for words in final_message(made))
 
 
-def test_a_cause_that_is_numerics_is_told_and_not_written(
-    tmp_path: Path, found: Diagnosis, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_cause_that_is_numerics_is_told_and_not_written(tmp_path, found, monkeypatch) -> None:
     """`effects.yaml` is about the robot: what a finer simulation mends is not in it."""
     said = {"coulomb_friction": "this is the simulator's numerics", "viscous_friction": None}
     monkeypatch.setattr(additions, "is_numerics", lambda logs, specs, one, *_: said[one[0][0].name])
@@ -72,9 +68,7 @@ def test_a_cause_that_is_numerics_is_told_and_not_written(
 
 
 @pytest.mark.parametrize(("check", "files"), [("degrees", 2), ("rate", 2), ("gaps", 4)])
-def test_a_log_that_contradicts_itself_makes_no_effects(
-    tmp_path: Path, found: Diagnosis, check: str, files: int
-) -> None:
+def test_a_log_that_contradicts_itself_makes_no_effects(tmp_path, found, check, files) -> None:
     """The report is there and its last words say why nothing else is."""
     finding = Finding(check, "a", "It looks wrong.", "Mend it.")
     report = replace(found.report, preflight=(finding,))

@@ -125,9 +125,7 @@ def test_a_models_own_log_has_no_gap(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("every", [2, 3])
-def test_readings_that_come_less_often_than_commands_have_no_gap(
-    every: int, tmp_path: Path
-) -> None:
+def test_readings_that_come_less_often_than_commands_have_no_gap(every: int, tmp_path) -> None:
     """Rows between them count in no comparison, and nothing between readings is taken for one."""
     path = write(tmp_path, {})
     log = own_log(path, 0.8)

@@ -7,25 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim2real.diagnosis.schema import (
-    Cause,
-    Equivalent,
-    Finding,
-    GapMetrics,
-    JointGap,
-    Regime,
-    Report,
-    Unexplained,
-    WholeReplay,
-)
+from sim2real.diagnosis import schema
 from sim2real.runs.errors import Sim2RealError
 
-REPORT = Report(
+REPORT = schema.Report(
     "explained",
-    GapMetrics("rad", 0.021, 0.003, 0.002, 0.95, (0.93, 0.97), True),
-    (JointGap("elbow", 0.9, 0.02, 0.003, (Regime("reversal", 0.7),)),),
+    schema.GapMetrics("rad", 0.021, 0.003, 0.002, 0.95, (0.93, 0.97), True),
+    (schema.JointGap("elbow", 0.9, 0.02, 0.003, (schema.Regime("reversal", 0.7),)),),
     (
-        Cause(
+        schema.Cause(
             "backlash",
             "elbow",
             "motor",
@@ -36,15 +26,15 @@ REPORT = Report(
             0.97,
             0.93,
             "holds",
-            (Equivalent("joint_compliance", "elbow"),),
+            (schema.Equivalent("joint_compliance", "elbow"),),
         ),
     ),
-    Unexplained(0.05, "none"),
-    (Finding("sign", "wrist", "it turns the other way", "flip its sign"),),
+    schema.Unexplained(0.05, "none"),
+    (schema.Finding("sign", "wrist", "it turns the other way", "flip its sign"),),
     {"timestep": "ok"},
     "a slow ramp with reversals",
     31.0,
-    WholeReplay(0.031, 0.004),
+    schema.WholeReplay(0.031, 0.004),
     failed=("the pictures of recordings: no disk",),
 )
 KEYS = {
@@ -73,7 +63,7 @@ KEYS = {
 def test_a_report_survives_its_file(tmp_path: Path) -> None:
     """What is written and read again is the same report."""
     path = REPORT.write(tmp_path / "report.json")
-    assert Report.from_json(json.loads(path.read_text(encoding="utf-8"))) == REPORT
+    assert schema.Report.from_json(json.loads(path.read_text(encoding="utf-8"))) == REPORT
 
 
 def test_a_report_of_an_older_version_is_read() -> None:
@@ -84,7 +74,7 @@ def test_a_report_of_an_older_version_is_read() -> None:
         del cause["kind"], cause["seconds"], cause["remedy"]
         del cause["shared"], cause["encoder"], cause["equivalent"][0]["inseparable"]
         del cause["equivalent"][0]["kind"]
-    assert Report.from_json({**older, "schema": 1}) == replace(REPORT, replay=None)
+    assert schema.Report.from_json({**older, "schema": 1}) == replace(REPORT, replay=None)
 
 
 def test_a_report_of_schema_2_is_read() -> None:
@@ -92,7 +82,7 @@ def test_a_report_of_schema_2_is_read() -> None:
     older = REPORT.to_json()
     for cause in older["causes"]:
         del cause["kind"], cause["seconds"], cause["remedy"], cause["equivalent"][0]["kind"]
-    read = Report.from_json({**older, "schema": 2})
+    read = schema.Report.from_json({**older, "schema": 2})
     assert read == REPORT
     assert read.effects == read.values == read.causes
 
@@ -103,7 +93,7 @@ def test_only_the_robots_causes_are_effects() -> None:
     both = replace(REPORT, causes=(late, *REPORT.causes))
     assert both.values == (late, *REPORT.causes)
     assert both.effects == REPORT.causes
-    assert Report.from_json(both.to_json()) == both
+    assert schema.Report.from_json(both.to_json()) == both
 
 
 def test_fitted_values_survive_the_file_and_are_no_causes() -> None:
@@ -112,7 +102,7 @@ def test_fitted_values_survive_the_file_and_are_no_causes() -> None:
     fitted = replace(REPORT, verdict="fitted", causes=(), fitted=many)
     tree = json.loads(json.dumps(fitted.to_json()))
     assert (tree["verdict"], tree["causes"], len(tree["fitted"])) == ("fitted", [], 5)
-    assert Report.from_json(tree) == fitted
+    assert schema.Report.from_json(tree) == fitted
     assert fitted.values == many
     assert REPORT.values == REPORT.causes
 
@@ -131,8 +121,8 @@ def test_the_file_has_the_keys_of_schema_3() -> None:
 
 def test_numbers_are_plain() -> None:
     """NumPy's numbers become JSON's, and what is not finite becomes null."""
-    gap = GapMetrics("rad", float(np.float64(0.02)), None, 0.001, np.nan, None, True)
-    report = Report("no_gap", gap, (), (), Unexplained(0.0, "none"))
+    gap = schema.GapMetrics("rad", float(np.float64(0.02)), None, 0.001, np.nan, None, True)
+    report = schema.Report("no_gap", gap, (), (), schema.Unexplained(0.0, "none"))
     tree = json.loads(json.dumps(report.to_json(), allow_nan=False))
     assert tree["gap"]["closed"] is None
     assert tree["gap"]["before"] == 0.02
@@ -149,4 +139,4 @@ def test_numbers_are_plain() -> None:
 def test_another_table_is_refused(change: dict, words: str) -> None:
     """Another schema, an unknown key and a missing one are named."""
     with pytest.raises(Sim2RealError, match=words):
-        Report.from_json({**REPORT.to_json(), **change})
+        schema.Report.from_json({**REPORT.to_json(), **change})

@@ -137,9 +137,7 @@ def test_robots_are_filmed_one_after_the_other(tmp_path: Path, monkeypatch) -> N
     ("moved", "title"),
     [(0.0, "unchanged after 3 episodes"), (0.1, "after 3 episodes of adaptation")],
 )
-def test_an_adaptation_that_kept_the_policy_says_so(
-    moved: float, title: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_adaptation_that_kept_the_policy_says_so(moved, title, tmp_path, monkeypatch) -> None:
     """Else two clips that are the same look like a film that went wrong."""
     titles: list[str] = []
 

@@ -49,9 +49,7 @@ def test_an_early_reading_is_that_of_the_next_row_with_its_speed() -> None:
     ],
     ids=lambda value: value.kind if isinstance(value, Mistake) else "",
 )
-def test_a_reading_is_wrong_with_its_speed(
-    mistake: Mistake, position: np.ndarray, speed: float | None
-) -> None:
+def test_a_reading_is_wrong_with_its_speed(mistake: Mistake, position: np.ndarray, speed) -> None:
     """By the table of the module; the command stays as it was sent."""
     right, log = swings(), mistake.apply(swings())
     assert log.column("qpos.a") == pytest.approx(position)

@@ -30,9 +30,7 @@ SLOW = pytest.param("quad8", 2.0e-3, marks=pytest.mark.slow)
 
 
 @pytest.mark.parametrize(("name", "limit"), [("bench1", 2.5e-3), SLOW])
-def test_the_nominal_model_is_right_where_nothing_is_hidden(
-    name: str, limit: float, tmp_path: Path
-) -> None:
+def test_the_nominal_model_is_right_where_nothing_is_hidden(name: str, limit, tmp_path) -> None:
     """Else a diagnosis would find a gap in the honest robot: it is about what noise makes."""
     robot = exam_robot(name, tmp_path)
     plan = _start(plans(robot, 5)["a"], 400)

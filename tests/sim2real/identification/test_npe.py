@@ -39,9 +39,7 @@ def ranks_of(width: float, offset: float = 0.0) -> object:
     [(1.0, 0.0, True), (0.5, 0.0, False), (2.0, 0.0, False), (1.0, 0.3, False)],
     ids=["right", "too narrow", "too wide", "shifted"],
 )
-def test_ranks_tell_a_right_posterior_from_a_wrong_one(
-    width: float, offset: float, right: bool, tmp_path: Path
-) -> None:
+def test_ranks_tell_a_right_posterior_from_a_wrong_one(width, offset, right, tmp_path) -> None:
     """Ranks are uniform under the right posterior alone; the file has a line a parameter."""
     rng = np.random.default_rng(0)
     truths = rng.normal(size=(300, 2))

@@ -57,9 +57,7 @@ def test_effects_need_a_robot(tmp_path: Path) -> None:
         (["algorithm=ppo_sb3", "policy.in_keys=[image]"], "'image' is not shown"),
     ],
 )
-def test_parts_that_do_not_go_together_are_refused(
-    words: list[str], sentence: str, tmp_path: Path
-) -> None:
+def test_parts_that_do_not_go_together_are_refused(words: list[str], sentence, tmp_path) -> None:
     """A part that is not used, one that is missing, entries that are not there: a sentence each."""
     _, given = instantiate(compose(["env=nav2d", "params=goals", *words]), tmp_path)
     with pytest.raises(Sim2RealError, match=sentence):

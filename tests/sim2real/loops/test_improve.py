@@ -161,9 +161,7 @@ def test_the_ground_is_refused_where_nothing_tells_of_the_base(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("name", ["esmaml", "ppo"])
-def test_training_goes_on_from_a_policy_in_another_simulator(
-    name: str, tmp_path: Path, made: Callable[..., dict]
-) -> None:
+def test_training_goes_on_from_a_policy_in_another_simulator(name: str, tmp_path, made) -> None:
     """The first policy of the new run is the last of the old one; robots are drawn as found."""
     from sim2real.learning.algorithms.base import build
     from sim2real.learning.training import train

@@ -14,15 +14,7 @@ import numpy as np
 import pytest
 import torch
 
-from sim2real.runs.checkpoint import (
-    CheckpointStore,
-    decode,
-    encode,
-    find,
-    listing,
-    read_metadata,
-    restore,
-)
+from sim2real.runs import checkpoint
 from sim2real.runs.errors import CheckpointError, DamagedCheckpointError, DiskError
 
 FACTS = {"task": "Walk", "policy": {"hidden": [4]}}
@@ -62,9 +54,9 @@ class Walk:
         self.history = state["history"]
 
 
-def saved(folder: Path, iterations: int, keep: int = 5) -> tuple[Walk, CheckpointStore]:
+def saved(folder: Path, iterations: int, keep: int = 5) -> tuple[Walk, checkpoint.CheckpointStore]:
     """Return a walk that was saved after each of its iterations."""
-    walk, store = Walk(), CheckpointStore(folder, keep)
+    walk, store = Walk(), checkpoint.CheckpointStore(folder, keep)
     for iteration in range(1, iterations + 1):
         store.save(walk, iteration, FACTS, walk.step())
     return walk, store
@@ -75,7 +67,7 @@ def test_a_restored_state_goes_on_to_the_last_bit(tmp_path: Path) -> None:
     walk, _ = saved(tmp_path, 3)
     expected = [walk.step() for _ in range(4)]
     other = Walk()
-    metadata = restore(tmp_path, other, FACTS)
+    metadata = checkpoint.restore(tmp_path, other, FACTS)
     assert [other.step() for _ in range(4)] == expected
     assert torch.equal(other.theta, walk.theta)
     assert metadata["iteration"] == 3
@@ -90,7 +82,7 @@ def test_encoding_keeps_values_types_and_shapes() -> None:
         "array": np.arange(6, dtype=np.uint64).reshape(2, 3),
     }  # fmt: skip
     arrays: dict[str, np.ndarray] = {}
-    back = decode(json.loads(json.dumps(encode(state, arrays))), arrays)
+    back = checkpoint.decode(json.loads(json.dumps(checkpoint.encode(state, arrays))), arrays)
     assert back["big"] == state["big"] and back["tuple"] == state["tuple"]
     for name, tensor in state[7].items():
         assert torch.equal(back[7][name], tensor) and back[7][name].dtype == tensor.dtype
@@ -100,18 +92,18 @@ def test_encoding_keeps_values_types_and_shapes() -> None:
 def test_an_object_cannot_enter_a_checkpoint() -> None:
     """A state with anything but plain data is refused when it is saved, not when it is needed."""
     with pytest.raises(TypeError, match=r"cannot hold a .*Path"):
-        encode({"x": [Path("a")]}, {})
+        checkpoint.encode({"x": [Path("a")]}, {})
 
 
 def test_the_newest_and_the_best_stay(tmp_path: Path) -> None:
     """Rotation keeps the last two and the one of the highest score; NaN is never best."""
-    walk, store = Walk(), CheckpointStore(tmp_path, 2)
+    walk, store = Walk(), checkpoint.CheckpointStore(tmp_path, 2)
     for iteration, score in enumerate([1.0, 9.0, float("nan"), 3.0, 2.0], start=1):
         store.save(walk, iteration, FACTS, score)
-    assert [int(path.stem[-2:]) for path in listing(tmp_path)] == [2, 4, 5]
+    assert [int(path.stem[-2:]) for path in checkpoint.listing(tmp_path)] == [2, 4, 5]
     best = store.best()
-    assert best is not None and read_metadata(best)["score"] == 9.0
-    assert find(tmp_path).stem.endswith("5")
+    assert best is not None and checkpoint.read_metadata(best)["score"] == 9.0
+    assert checkpoint.find(tmp_path).stem.endswith("5")
 
 
 @contextmanager
@@ -128,11 +120,11 @@ def file_size_limit(size: int) -> Any:
 def test_a_write_that_fails_midway_leaves_only_the_one_before(tmp_path: Path) -> None:
     """When the file system takes no more bytes, a sentence says so; nothing half written stays."""
     walk, store = saved(tmp_path, 1)
-    before = find(tmp_path).read_bytes()
+    before = checkpoint.find(tmp_path).read_bytes()
     with file_size_limit(1000), pytest.raises(DiskError, match="iteration 2 could not be written"):
         store.save(walk, 2, FACTS, 0.0)
     assert [path.name for path in tmp_path.iterdir()] == ["checkpoint-000000000001.torchrl"]
-    assert find(tmp_path).read_bytes() == before
+    assert checkpoint.find(tmp_path).read_bytes() == before
     assert store.save(walk, 2, FACTS, 0.0).exists()
 
 
@@ -151,20 +143,20 @@ def test_a_full_disk_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
 def test_damage_is_found_and_the_one_before_is_offered(tmp_path: Path) -> None:
     """Wherever a byte changes or the file ends early, it is refused or restores exactly."""
     saved(tmp_path, 2)
-    path = find(tmp_path)
+    path = checkpoint.find(tmp_path)
     whole = path.read_bytes()
     rng = np.random.default_rng(0)
     flips = rng.integers(len(whole), size=60).tolist()
     broken = [whole[:i] + bytes([whole[i] ^ 0x55]) + whole[i + 1 :] for i in flips]
     broken += [whole[: len(whole) // 2], whole[:-1], b""]
     reference = Walk()
-    restore(path, reference, FACTS)
+    checkpoint.restore(path, reference, FACTS)
     refused = 0
     for content in broken:
         path.write_bytes(content)
         walk = Walk()
         try:
-            restore(tmp_path, walk, FACTS)
+            checkpoint.restore(tmp_path, walk, FACTS)
         except DamagedCheckpointError as error:
             refused += 1
             assert "checkpoint-000000000001.torchrl" in str(error) and "\n" not in str(error)
@@ -177,10 +169,10 @@ def test_damage_is_found_and_the_one_before_is_offered(tmp_path: Path) -> None:
 def test_damage_without_an_earlier_one_says_so(tmp_path: Path) -> None:
     """An earlier checkpoint that is damaged too is not offered."""
     saved(tmp_path, 2)
-    for path in listing(tmp_path):
+    for path in checkpoint.listing(tmp_path):
         path.write_bytes(path.read_bytes()[:-40])
     with pytest.raises(DamagedCheckpointError, match="no whole one before it"):
-        restore(tmp_path, Walk(), FACTS)
+        checkpoint.restore(tmp_path, Walk(), FACTS)
 
 
 def test_another_task_or_policy_is_refused_with_both_values(tmp_path: Path) -> None:
@@ -188,9 +180,9 @@ def test_another_task_or_policy_is_refused_with_both_values(tmp_path: Path) -> N
     saved(tmp_path, 1)
     walk = Walk()
     with pytest.raises(CheckpointError, match=r"task Walk, this run has task Hopper"):
-        restore(tmp_path, walk, {"task": "Hopper"})
+        checkpoint.restore(tmp_path, walk, {"task": "Hopper"})
     with pytest.raises(CheckpointError, match=r"policy\.hidden \[4\], .*policy\.hidden \[8, 8\]"):
-        restore(tmp_path, walk, {"policy": {"hidden": (8, 8)}})
+        checkpoint.restore(tmp_path, walk, {"policy": {"hidden": (8, 8)}})
     assert not walk.theta.any()
 
 
@@ -198,7 +190,7 @@ def test_a_state_that_does_not_fit_is_refused_in_a_sentence(tmp_path: Path) -> N
     """A shape that the metadata did not tell still ends in a sentence with the path."""
     saved(tmp_path, 1)
     with pytest.raises(CheckpointError, match=r"000001\.torchrl does not fit this run"):
-        restore(tmp_path, Walk(size=3), FACTS)
+        checkpoint.restore(tmp_path, Walk(size=3), FACTS)
 
 
 class Bomb:
@@ -247,33 +239,33 @@ def test_a_stranger_s_checkpoint_runs_no_code(tmp_path: Path, adapter: str | Non
         "state/other.pickle": bomb,
         "state/meta.json": meta,
     }
-    rebuilt(find(tmp_path / "own"), target, files, adapter)
+    rebuilt(checkpoint.find(tmp_path / "own"), target, files, adapter)
     walk = Walk()
     with pytest.raises(CheckpointError):
-        restore(target, walk, FACTS)
+        checkpoint.restore(target, walk, FACTS)
     assert not mark.exists() and not walk.theta.any()
 
 
 def test_what_a_kill_left_behind_is_cleaned(tmp_path: Path) -> None:
     """Half-written files go; a checkpoint that was being replaced comes back."""
     saved(tmp_path, 2)
-    newest = find(tmp_path)
+    newest = checkpoint.find(tmp_path)
     newest.rename(tmp_path / f".{newest.name}.backup-abc")
     (tmp_path / f".{newest.name}.stage-abc").mkdir()
     (tmp_path / f".{newest.name}.archive-abc").write_bytes(b"half")
-    CheckpointStore(tmp_path, 5)
-    assert sorted(tmp_path.iterdir()) == listing(tmp_path)
-    assert find(tmp_path) == newest
+    checkpoint.CheckpointStore(tmp_path, 5)
+    assert sorted(tmp_path.iterdir()) == checkpoint.listing(tmp_path)
+    assert checkpoint.find(tmp_path) == newest
 
 
 def test_what_is_no_checkpoint_is_refused(tmp_path: Path) -> None:
     """A missing path, an empty folder and a file of another kind each get their sentence."""
     with pytest.raises(CheckpointError, match="does not exist"):
-        find(tmp_path / "nowhere")
+        checkpoint.find(tmp_path / "nowhere")
     with pytest.raises(CheckpointError, match="holds no checkpoint"):
-        find(tmp_path)
+        checkpoint.find(tmp_path)
     (tmp_path / "model.pt").write_bytes(b"x")
     with pytest.raises(CheckpointError, match=r"named checkpoint-\*\.torchrl"):
-        read_metadata(tmp_path / "model.pt")
+        checkpoint.read_metadata(tmp_path / "model.pt")
     with pytest.raises(CheckpointError, match="keep_checkpoints=0"):
-        CheckpointStore(tmp_path, 0)
+        checkpoint.CheckpointStore(tmp_path, 0)

@@ -176,9 +176,7 @@ def test_a_data_set_of_lerobot_is_replayed(write: Callable[[Path, Log], Path], t
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize(("write", "joints"), [(bam, ["hinge"]), (sage, list(JOINTS))])
-def test_a_bench_s_and_an_arm_s_runs_are_converted(
-    write: Callable[[Path, Log], Path], joints: list[str], tmp_path: Path
-) -> None:
+def test_a_bench_s_and_an_arm_s_runs_are_converted(write, joints, tmp_path) -> None:
     """BAM's and SAGE's own files say what they hold; the names may be the model's."""
     (tmp_path / "arm.xml").write_text(MODEL)
     name = write(tmp_path, run()).name
@@ -196,9 +194,7 @@ def test_a_bench_s_and_an_arm_s_runs_are_converted(
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("write", [mcap, rosbag2])
-def test_a_recording_of_messages_is_mapped_by_its_guess(
-    write: Callable[[Path, Log], Path], tmp_path: Path
-) -> None:
+def test_a_recording_of_messages_is_mapped_by_its_guess(write, tmp_path) -> None:
     """The guess knows the states; which topic commands which joints only its user does."""
     (tmp_path / "arm.xml").write_text(MODEL)
     path = without_mapping(write)(tmp_path, run())

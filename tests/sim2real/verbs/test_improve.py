@@ -79,9 +79,7 @@ def told(out: Path) -> dict[str, Any]:
     return json.loads(text.replace(str(out), "OUT"))
 
 
-def test_a_round_finds_retrains_and_deploys(
-    run: Path, tmp_path: Path, diagnosed: list[list[Any]]
-) -> None:
+def test_a_round_finds_retrains_and_deploys(run: Path, tmp_path, diagnosed) -> None:
     """A weak motor is in the second simulator, as uncertain as it is; all of it is on disk."""
     out = tmp_path / "out"
     done = go(run, out, hidden(tmp_path), "rounds=1")
@@ -113,13 +111,7 @@ def test_a_round_finds_retrains_and_deploys(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rounds", [1, 2])
-def test_a_loop_that_was_killed_ends_alike(
-    rounds: int,
-    run: Path,
-    tmp_path: Path,
-    diagnosed: list[list[Any]],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_loop_that_was_killed_ends_alike(rounds, run, tmp_path, diagnosed, monkeypatch) -> None:
     """Ctrl-C in the middle of a round, and of a deployment; resumed, every return is the same."""
     settings = (hidden(tmp_path), f"rounds={rounds}", "tolerance=0")
     monkeypatch.setattr(improve.ImprovementHistory, "end", lambda story: None)
@@ -184,9 +176,7 @@ def test_a_robot_that_is_stopped_ends_it(run: Path, tmp_path: Path) -> None:
     assert "torque stays off" in done.why
 
 
-def test_nothing_found_on_the_ground_ends_it(
-    run: Path, tmp_path: Path, diagnosed: list[list[Any]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_found_on_the_ground_ends_it(run: Path, tmp_path, diagnosed, monkeypatch) -> None:
     """Without a stand its own episodes are diagnosed; no effects leave nothing to train with."""
 
     def write(found: SimpleNamespace, folder: Path) -> None:
@@ -209,9 +199,7 @@ def test_nothing_found_on_the_ground_ends_it(
         (("model=conf/config.yaml",), "give log=PATH with it"),
     ],
 )
-def test_what_cannot_be_is_refused_before_anything_moves(
-    run: Path, tmp_path: Path, text: tuple[str, ...], message: str
-) -> None:
+def test_what_cannot_be_is_refused_before_anything_moves(run, tmp_path, text, message) -> None:
     """With one sentence."""
     with pytest.raises(Sim2RealError, match=message):
         go(run, tmp_path / "out", *text)

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -36,9 +35,7 @@ def answers(monkeypatch: pytest.MonkeyPatch, said: Iterator[str]) -> list[str]:
     return asked
 
 
-def test_a_real_robot_is_asked_about_and_gone_on_with(
-    tmp_path: Path, diagnosed: list[list[Any]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_real_robot_is_asked_about_and_gone_on_with(tmp_path, diagnosed, monkeypatch) -> None:
     """Yes, then no: one deployment and its results; resumed, the rest; torque is off each time."""
     run = train(tmp_path / "run", POLICY)
     robot = ["robot.watchdog=2.54", "arm=true", PATIENT, "rounds=1", "tolerance=0"]

@@ -141,9 +141,7 @@ def test_a_policy_gets_in_the_corrected_simulator_what_it_gets_on_the_target(
         (("port=/dev/x",), "leave port= out, or target="),
     ],
 )
-def test_what_cannot_be_is_refused(
-    policy: Path, tmp_path: Path, words: tuple[str, ...], message: str
-) -> None:
+def test_what_cannot_be_is_refused(policy: Path, tmp_path, words: tuple[str, ...], message) -> None:
     """With one sentence, before anything is played."""
     with pytest.raises(Sim2RealError, match=message):
         go(policy, tmp_path, *words)

@@ -108,8 +108,6 @@ def check(experiment: tuple[str, ...], folder: Path, last: int, seconds: float) 
         pytest.param(HOPPER, 20, 1.0, id="hopper"),  # the main job, in two threads
     ],
 )
-def test_it_survives_three_kills(
-    experiment: tuple[str, ...], last: int, seconds: float, tmp_path: Path
-) -> None:
+def test_it_survives_three_kills(experiment: tuple[str, ...], last: int, seconds, tmp_path) -> None:
     """SIGKILL at three random points changes no bit of state or metrics."""
     check(experiment, tmp_path, last, seconds)

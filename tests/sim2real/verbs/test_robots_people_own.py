@@ -59,9 +59,7 @@ def hung(name: str, folder: Path) -> Robot:
 
 
 @pytest.mark.parametrize("name", FRICTION)
-def test_a_robot_is_scanned_recorded_diagnosed_and_driven(
-    name: str, tmp_path: Path, worlds: list[EmulatedRobot], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_robot_is_scanned_recorded_diagnosed_and_driven(name, tmp_path, worlds, capsys) -> None:
     """A hidden delay and a friction are named with their sizes; a posture is held, then let go."""
     joint, friction = FRICTION[name]
     robot, hidden = hung(name, tmp_path), tmp_path / "hidden.yaml"

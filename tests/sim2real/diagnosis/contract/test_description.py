@@ -83,10 +83,7 @@ BAD = {
     ),
     "no terms": (changed(observation=[]), "must be a list of terms"),
     "scale 0": (changed(observation=[{"term": "gyro", "scale": 0.0}]), "other than 0"),
-    "too few scales": (
-        changed(observation=[{"term": "gyro", "scale": [1.0, 2.0]}]),
-        "2 numbers for 3",
-    ),
+    "too few scales": (changed(observation=[{"term": "gyro", "scale": [1, 2]}]), "2 numbers for 3"),
     "a joint that is not there": (
         changed(observation=[{"term": "joint_velocity", "joints": ["c"]}]),
         "no joint 'c'",

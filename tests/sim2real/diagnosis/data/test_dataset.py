@@ -123,9 +123,7 @@ def test_joints_that_never_moved_are_named(tmp_path: Path) -> None:
         (None, 1e3, "multiply it by"),
     ],
 )
-def test_a_log_that_can_show_nothing_is_refused(
-    tmp_path: Path, rows: int | None, factor: float, message: str
-) -> None:
+def test_a_log_that_can_show_nothing_is_refused(tmp_path, rows, factor, message) -> None:
     """Ten rows have no interval, and rows 20 s apart are no seconds: neither is explained."""
     log = arm.make_log(seconds=4.0)
     columns = {name: values[:rows] for name, values in log.columns.items()}

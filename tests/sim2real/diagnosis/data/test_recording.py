@@ -58,9 +58,7 @@ def model() -> mujoco.MjModel:
         ('mass="1"', 'mass="0"', "mass and inertia"),
     ],
 )
-def test_a_model_that_cannot_be_simulated_is_named(
-    old: str, new: str, words: str, log: Log, tmp_path: Path
-) -> None:
+def test_a_model_that_cannot_be_simulated_is_named(old: str, new, words, log, tmp_path) -> None:
     """With its file: a time step, no actuators, a missing mesh, a body without mass."""
     path = tmp_path / "thrown.xml"
     path.write_text(THROWN.replace(old, new))
@@ -91,9 +89,7 @@ def test_the_command_before_a_start_is_held(log: Log, model: mujoco.MjModel) -> 
     assert to_recording(part, model).held == pytest.approx(ctrl[ROW])
 
 
-def test_a_start_in_mid_episode_has_the_slope_of_the_positions(
-    log: Log, model: mujoco.MjModel
-) -> None:
+def test_a_start_in_mid_episode_has_the_slope_of_the_positions(log: Log, model) -> None:
     """Where no speeds are logged; at the start of an episode the robot rests."""
     part = rows_of(log, ROW, ROW + 50)
     found = to_recording(part, model, rows_before(log, ROW)).qvel
@@ -152,9 +148,7 @@ def thrown() -> tuple[mujoco.MjModel, Log]:
 
 
 @pytest.mark.parametrize("speeds", ["logged", "slopes"])
-def test_a_base_goes_on_from_where_it_was_in_mid_flight(
-    thrown: tuple[mujoco.MjModel, Log], speeds: str
-) -> None:
+def test_a_base_goes_on_from_where_it_was_in_mid_flight(thrown, speeds) -> None:
     """Its pose and speed are the log's: a replay from there follows the flight."""
     model, log = thrown
     if speeds == "slopes":

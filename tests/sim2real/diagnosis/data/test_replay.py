@@ -78,9 +78,7 @@ def cases() -> Iterator[Any]:
 
 
 @pytest.mark.parametrize(("robot", "effects"), list(cases()))
-def test_both_verbs_replay_a_log_alike(
-    robot: str, effects: tuple[tuple[str, dict, float], ...]
-) -> None:
+def test_both_verbs_replay_a_log_alike(robot: str, effects) -> None:
     """Whole episodes in a diagnosis's simulator are what run=replay makes of the log."""
     path = ASSETS / f"{robot}.xml"
     model = mujoco.MjModel.from_xml_path(str(path))

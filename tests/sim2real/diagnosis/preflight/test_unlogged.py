@@ -52,9 +52,7 @@ def test_a_pose_of_which_a_part_is_missing_is_named() -> None:
     ],
     ids=["fixed base", "rests on the ground", "is logged"],
 )
-def test_nothing_is_said_of_what_rests_or_is_logged(
-    base: str, height: float, columns: dict[str, float]
-) -> None:
+def test_nothing_is_said_of_what_rests_or_is_logged(base: str, height: float, columns) -> None:
     """A joint without a motor is none of the log's business until it moves."""
     assert checked(base, height, **columns) == []
 

@@ -80,9 +80,7 @@ def test_a_joint_without_play_stays_one_joint(name: str) -> None:
 
 
 @pytest.mark.parametrize(("name", "value"), [("backlash", 0.04), ("joint_compliance", 0.02)])
-def test_a_loaded_joint_starts_where_its_load_leaves_it(
-    name: str, value: float, tmp_path: Path
-) -> None:
+def test_a_loaded_joint_starts_where_its_load_leaves_it(name: str, value: float, tmp_path) -> None:
     """From home on, where gravity pulls, the file moves as the model with the effect does."""
     spec = mujoco.MjSpec.from_file(str(ASSETS / "arm6.xml"))
     effects = [(make(name, where="shoulder", side="motor"), (value,))]

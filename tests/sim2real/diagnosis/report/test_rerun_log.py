@@ -34,9 +34,7 @@ def test_a_recording_holds_robot_ghost_and_joints(tmp_path: Path) -> None:
     np.testing.assert_allclose(values, gap.simulated[:, 1], atol=1e-9)
 
 
-def test_without_the_package_its_extra_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_the_package_its_extra_is_named(tmp_path: Path, monkeypatch) -> None:
     """Nothing is written."""
     monkeypatch.setitem(sys.modules, "rerun", None)
     monkeypatch.setattr("sim2real.diagnosis.report.rerun_log.find_spec", lambda name: None)

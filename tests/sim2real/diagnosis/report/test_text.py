@@ -23,9 +23,7 @@ from sim2real.diagnosis.schema import Cause
         (None, "m", "–"),
     ],
 )
-def test_quantities_have_the_prefix_that_fits(
-    value: float | None, unit: str, expected: str
-) -> None:
+def test_quantities_have_the_prefix_that_fits(value: float | None, unit: str, expected) -> None:
     """Three digits, thousandths where that reads better, no exponent without need."""
     assert text.quantity(value, unit).replace("\xa0", " ") == expected
 

@@ -58,9 +58,7 @@ def test_the_student_learns_which_robot_it_is(made: tuple[TrainedPolicy, Compone
     assert losses[-1] < losses[0]
 
 
-def test_a_robot_s_pilot_guesses_as_the_simulation_does(
-    made: tuple[TrainedPolicy, Components],
-) -> None:
+def test_a_robot_s_pilot_guesses_as_the_simulation_does(made) -> None:
     """The same steps make the same guesses; an episode forgets the one before."""
     one = learner(made, epochs=1)
     one.iterate()

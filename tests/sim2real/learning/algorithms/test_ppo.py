@@ -202,9 +202,7 @@ class InTheirOrder:
     ("epochs", "steps", "within"),
     [(1, 4, 1e-5), pytest.param(10, 128, 1e-4, marks=pytest.mark.slow)],
 )
-def test_an_iteration_of_preset_sb3_is_that_of_stable_baselines3(
-    epochs: int, steps: int, within: float
-) -> None:
+def test_an_iteration_of_preset_sb3_is_that_of_stable_baselines3(epochs, steps, within) -> None:
     """Equal weights and experience, 2048 samples with falls and time limits: equal after training.
 
     One update agrees to 1e-5, and so do the parameters after the 320 of an iteration to 1e-4.

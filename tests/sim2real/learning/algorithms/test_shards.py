@@ -15,9 +15,7 @@ from sim2real.learning.environment import EnvironmentFactory
     ("num_rows", "cores", "expected"),
     [(64, 1, (1, 1)), (64, 2, (2, 1)), (1, 2, (1, 1)), (64, 16, (1, 16)), (1024, 16, (2, 8))],
 )
-def test_all_cores_are_used_by_few_shards(
-    num_rows: int, cores: int, expected: tuple[int, int]
-) -> None:
+def test_all_cores_are_used_by_few_shards(num_rows: int, cores: int, expected) -> None:
     """Two cores have a shard each, more share one or two."""
     assert layout(num_rows, cores) == expected
 

@@ -8,23 +8,17 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tensordict import TensorDict
-from torchrl.data import (
-    LazyTensorStorage,
-    ListStorage,
-    RandomSampler,
-    ReplayBuffer,
-    SamplerWithoutReplacement,
-)
+from torchrl import data
 
 from sim2real.learning.buffers.fast import FastReplayBuffer
 from sim2real.runs.errors import Sim2RealError
 
 
-def buffer(kind: type[ReplayBuffer], batch: int = 4, **sampler: Any) -> ReplayBuffer:
+def buffer(kind: type[data.ReplayBuffer], batch: int = 4, **sampler: Any) -> data.ReplayBuffer:
     """Return an empty buffer for 50 samples with a generator of its own."""
     return kind(
-        storage=partial(LazyTensorStorage, 50),
-        sampler=SamplerWithoutReplacement(**sampler),
+        storage=partial(data.LazyTensorStorage, 50),
+        sampler=data.SamplerWithoutReplacement(**sampler),
         batch_size=batch,
         generator=torch.Generator().manual_seed(0),
     )
@@ -44,12 +38,10 @@ def samples(count: int, start: int) -> TensorDict:
     shuffle=st.booleans(),
     stop=st.integers(1, 4),
 )
-def test_it_yields_what_replay_buffer_yields(
-    counts: list[int], batch: int, drop_last: bool, shuffle: bool, stop: int
-) -> None:
+def test_it_yields_what_replay_buffer_yields(counts, batch, drop_last, shuffle, stop) -> None:
     """Over epochs, an epoch that is broken off, and new samples: the same, in the same order."""
     found = []
-    for kind in (FastReplayBuffer, ReplayBuffer):
+    for kind in (FastReplayBuffer, data.ReplayBuffer):
         one = buffer(kind, batch, drop_last=drop_last, shuffle=shuffle)
         got: list[TensorDict] = []
         for number, count in enumerate(counts):
@@ -82,13 +74,13 @@ def test_an_epoch_goes_on_from_a_state() -> None:
 def test_what_it_has_not_is_refused() -> None:
     """Another sampler, storage or size: a sentence that says what is allowed."""
     good: dict[str, Any] = {
-        "storage": LazyTensorStorage(50),
-        "sampler": SamplerWithoutReplacement(),
+        "storage": data.LazyTensorStorage(50),
+        "sampler": data.SamplerWithoutReplacement(),
         "batch_size": 4,
     }
     wrong = {
-        "sampler RandomSampler but a SamplerWithoutReplacement": {"sampler": RandomSampler()},
-        "storage ListStorage but a LazyTensorStorage": {"storage": ListStorage(50)},
+        "sampler RandomSampler but a SamplerWithoutReplacement": {"sampler": data.RandomSampler()},
+        "storage ListStorage but a LazyTensorStorage": {"storage": data.ListStorage(50)},
         "prefetch=2": {"prefetch": 2},
         "batch_size=None but a number": {"batch_size": None},
     }

@@ -8,21 +8,9 @@ import torch
 from tensordict import TensorDictBase
 from tensordict.nn import AddStateIndependentNormalScale, TensorDictModule, TensorDictSequential
 from torch import nn
+from torchrl import envs
 from torchrl.collectors import Collector
 from torchrl.data import LazyTensorStorage, ReplayBuffer
-from torchrl.envs import (
-    ActionScaling,
-    CatFrames,
-    Compose,
-    EnvBase,
-    GymEnv,
-    InitTracker,
-    RewardSum,
-    StepCounter,
-    Transform,
-    TransformedEnv,
-    VecNormV2,
-)
 from torchrl.envs.utils import ExplorationType
 from torchrl.modules import MLP, GRUModule, IndependentNormal, ProbabilisticActor, TanhNormal
 
@@ -35,24 +23,26 @@ from sim2real.learning.collectors.fast import FastCollector
 from sim2real.runs.errors import Sim2RealError
 
 MASS = Draw(make("link_mass", where="torso", how="set"), low=1.0, high=9.0)
-NORMALIZED: tuple[Callable[[], Transform], ...] = (
-    lambda: VecNormV2(in_keys=["observation"]),
-    RewardSum,
-    lambda: StepCounter(max_steps=30),
-    InitTracker,
+NORMALIZED: tuple[Callable[[], envs.Transform], ...] = (
+    lambda: envs.VecNormV2(in_keys=["observation"]),
+    envs.RewardSum,
+    lambda: envs.StepCounter(max_steps=30),
+    envs.InitTracker,
 )
 
 
 def world(
-    *transforms: Callable[[], Transform], rows: int = 5, draws: tuple[Draw, ...] = (MASS,)
-) -> EnvBase:
+    *transforms: Callable[[], envs.Transform], rows: int = 5, draws: tuple[Draw, ...] = (MASS,)
+) -> envs.EnvBase:
     """Return Hoppers whose episodes end within a batch, most by a fall, some by the limit."""
     tasks = Randomization(draws)
     env = MujocoEnv(Hopper(max_steps=40), rows, tasks.effects, threads=1, seed=3)
-    return TransformedEnv(env, Compose([RandomizeParams(tasks), *(make() for make in transforms)]))
+    return envs.TransformedEnv(
+        env, envs.Compose([RandomizeParams(tasks), *(make() for make in transforms)])
+    )
 
 
-def bare() -> EnvBase:
+def bare() -> envs.EnvBase:
     """Return rows that draw by themselves, without transforms."""
     tasks = Randomization((MASS,))
     return MujocoEnv(Hopper(max_steps=40), 5, tasks.effects, threads=1, seed=3, tasks=tasks)
@@ -71,7 +61,7 @@ def actor(distribution: Any = IndependentNormal, inputs: int = 11) -> Probabilis
     )
 
 
-def batches(kind: type[Collector], env: EnvBase, policy: Any, **options: Any) -> list[Any]:
+def batches(kind: type[Collector], env: envs.EnvBase, policy: Any, **options: Any) -> list[Any]:
     """Return two batches of 60 steps a row, and the state that the collector ends in."""
     options = {"frames_per_batch": 60 * env.batch_size.numel(), "total_frames": -1} | options
     collector = kind(env, policy, **options)
@@ -87,7 +77,7 @@ def flat(batch: TensorDictBase) -> dict[Any, torch.Tensor]:
     return dict(batch.items(include_nested=True, leaves_only=True))
 
 
-def compare(make: Callable[[], EnvBase], policy: Any, **options: Any) -> TensorDictBase:
+def compare(make: Callable[[], envs.EnvBase], policy: Any, **options: Any) -> TensorDictBase:
     """Hold the batches of both collectors against each other; return one of them."""
     ours, theirs = (batches(kind, make(), policy, **options) for kind in (FastCollector, Collector))
     assert ours.pop().keys() == theirs.pop().keys()
@@ -106,7 +96,7 @@ def compare(make: Callable[[], EnvBase], policy: Any, **options: Any) -> TensorD
     [world, lambda: world(*NORMALIZED), bare, lambda: world(draws=()), lambda: world(rows=1)],
     ids=["randomized", "transforms", "bare", "no parameters", "one row"],
 )
-def test_it_yields_what_collector_yields(make: Callable[[], EnvBase]) -> None:
+def test_it_yields_what_collector_yields(make: Callable[[], envs.EnvBase]) -> None:
     """Entries, shapes, names and values agree to the last bit, falls and time limits included."""
     batch = compare(make, actor())
     assert batch["next", "terminated"].any()
@@ -127,22 +117,22 @@ def test_it_yields_what_collector_yields(make: Callable[[], EnvBase]) -> None:
 )
 def test_options_mean_what_they_mean_there(options: dict[str, Any]) -> None:
     """Each option of TorchRL's collector gives the same steps here."""
-    compare(lambda: world(*NORMALIZED[:2], InitTracker), actor(), **options)
+    compare(lambda: world(*NORMALIZED[:2], envs.InitTracker), actor(), **options)
 
 
 @pytest.mark.slow
 def test_any_policy_and_any_transform_goes_through() -> None:
     """A squashed Gaussian, a memory with its primer, a transform that keeps frames of its own."""
     compare(world, actor(TanhNormal))
-    frames = lambda: CatFrames(N=3, dim=-1, in_keys=["observation"])  # noqa: E731
+    frames = lambda: envs.CatFrames(N=3, dim=-1, in_keys=["observation"])  # noqa: E731
     compare(lambda: world(frames), actor(inputs=33))
-    scaled = lambda: ActionScaling(loc=torch.zeros(3), scale=torch.full((3,), 0.5))  # noqa: E731
+    scaled = lambda: envs.ActionScaling(loc=torch.zeros(3), scale=torch.full((3,), 0.5))  # noqa: E731
     compare(lambda: world(scaled), actor())
     keys: Any = {"in_keys": ["observation", "memory", "is_init"]}
     memory = GRUModule(11, 8, **keys, out_keys=["seen", ("next", "memory")], python_based=True)
     head = TensorDictModule(nn.Linear(8, 3), in_keys=["seen"], out_keys=["action"])
     policy = TensorDictSequential([memory, head])
-    compare(lambda: world(InitTracker, memory.make_tensordict_primer), policy)
+    compare(lambda: world(envs.InitTracker, memory.make_tensordict_primer), policy)
 
 
 def test_a_buffer_is_filled() -> None:
@@ -162,4 +152,4 @@ def test_what_it_has_not_is_refused() -> None:
     with pytest.raises(Sim2RealError, match="has not compact_obs=True; use collector=sync"):
         FastCollector(world(), actor(), frames_per_batch=5, compact_obs=True)
     with pytest.raises(Sim2RealError, match=r"batch size \(\)"):
-        FastCollector(GymEnv("Pendulum-v1"), None, frames_per_batch=5)
+        FastCollector(envs.GymEnv("Pendulum-v1"), None, frames_per_batch=5)

@@ -81,15 +81,7 @@ def compared(loss: ClipPPOLoss, data: TensorDict, weights: list[float]) -> dict[
     scale=st.fixed_dictionaries({"init_value": st.floats(-1, 1), "scale_lb": st.just(0.5)}),
     weights=st.lists(st.floats(-2, 2), min_size=3, max_size=3),
 )
-def test_it_is_clip_ppo_loss(
-    seed: int,
-    hidden: tuple[list[int], list[int], bool],
-    shape: tuple[int, ...],
-    activation: type[nn.Module],
-    options: dict[str, Any],
-    scale: dict[str, float],
-    weights: list[float],
-) -> None:
+def test_it_is_clip_ppo_loss(seed: int, hidden, shape, activation, options, scale, weights) -> None:
     """Losses, what is logged, and gradients agree to 1e-9 in float64, whatever the settings."""
     torch.manual_seed(seed)
     actor, critic = networks(

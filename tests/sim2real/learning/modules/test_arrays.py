@@ -12,9 +12,7 @@ from sim2real.learning.modules.arrays import ArrayMLP
 
 @pytest.mark.parametrize("activation", ["tanh", "relu"])
 @pytest.mark.parametrize("sizes", [(4, 6, 5, 3), (4, 2)])
-def test_outputs_and_gradients_are_those_of_torchs_layers(
-    activation: Any, sizes: tuple[int, ...]
-) -> None:
+def test_outputs_and_gradients_are_those_of_torchs_layers(activation: Any, sizes) -> None:
     """It equals a chain of linear layers, by parameters and by input."""
     torch.manual_seed(0)
     network, linears = ArrayMLP(activation), [nn.Linear(*pair) for pair in pairwise(sizes)]

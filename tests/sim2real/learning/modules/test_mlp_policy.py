@@ -49,9 +49,7 @@ def test_loading_a_row_changes_that_row_only() -> None:
 @pytest.mark.parametrize("activation", ["tanh", "relu"])
 @pytest.mark.parametrize("output", ["tanh", "linear"])
 @pytest.mark.parametrize("hidden", [(), (32,), (64, 32)])
-def test_torch_module_is_the_same_function(
-    hidden: tuple[int, ...], activation: str, output: str
-) -> None:
+def test_torch_module_is_the_same_function(hidden: tuple[int, ...], activation, output) -> None:
     """The torch module agrees with the numpy rows on raw observations, normalization included."""
     policy = make(hidden=hidden, activation=activation, output=output)
     rng = np.random.default_rng(2)
