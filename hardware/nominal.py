@@ -7,7 +7,9 @@ Public models have stiff actuators, and armatures, damping and friction of all k
 each actuator becomes what its servo is by its registers, its supply and its type's data: torque =
 P duty K V / R for an error of position, as far as PWM and current are allowed to go, less back-EMF;
 its joint gets the rotor's inertia, and no damping or friction of its own: what there is of them is
-for a diagnosis to find.
+for a diagnosis to find. A derivative gain acts on the error; what it makes of the goal's motion no
+actuator of the engine has, so that the model names its derivative time (kd / kp, in seconds) for a
+replay to add: `<numeric name="derivative_time.ACTUATOR" data="0.004"/>`.
 """
 
 from dataclasses import replace
@@ -21,6 +23,8 @@ from hardware.emulator.feetech_inner import LARGEST_PWM
 from hardware.emulator.mechanics import TICK
 from hardware.errors import RobotError, format_names
 from hardware.files import atomic_write
+
+DERIVATIVE_TIME = "derivative_time."  # of the name of a number in a model; then the actuator's
 
 
 def write_nominal_model(robot: Robot, path: Path) -> Robot:
@@ -50,9 +54,12 @@ def nominal(robot: Robot) -> mujoco.MjSpec:
             f"{robot.model} has no actuators {format_names(missing)}; it has "
             f"{format_names(actuators)}"
         )
+    for number in [number for number in spec.numerics if number.name.startswith(DERIVATIVE_TIME)]:
+        spec.delete(number)
     for servo in robot.servos:
         actuator = actuators[servo.name]
-        _set_servo(actuator, robot, servo)
+        if ahead := _set_servo(actuator, robot, servo):
+            spec.add_numeric(name=DERIVATIVE_TIME + servo.name, data=[ahead], size=1)
         joint = spec.joint(actuator.target)
         joint.armature, joint.frictionloss = servo.type.armature or joint.armature, 0.0
         joint.damping[:] = 0.0
@@ -60,7 +67,8 @@ def nominal(robot: Robot) -> mujoco.MjSpec:
     return spec
 
 
-def _set_servo(actuator: mujoco.MjsActuator, robot: Robot, servo: Servo) -> None:
+def _set_servo(actuator: mujoco.MjsActuator, robot: Robot, servo: Servo) -> float:
+    """Make an actuator its servo; return the servo's derivative time [s], 0 for none."""
     kind, volts = servo.type, robot.supply_of(servo).voltage
     registers = {**kind.defaults, **robot.registers_of(servo)}
     per_count = kind.stall_torque(volts) / kind.units.full_pwm / kind.units.angle  # N·m/rad
@@ -76,6 +84,7 @@ def _set_servo(actuator: mujoco.MjsActuator, robot: Robot, servo: Servo) -> None
     actuator.set_to_position(kp=kp, kv=kv + inside)
     actuator.damping[:] = [outside, 0.0, 0.0]
     actuator.forcelimited, actuator.forcerange = 1, [-limit, limit]
+    return kv / kp if kp else 0.0
 
 
 def _most_duty(servo: Servo, registers: dict[str, int]) -> float:

@@ -19,6 +19,7 @@ Contracts:
   position was read (`read`); before the start there is nothing to read but the start.
 * An actuator that is switched off exerts nothing and does not brake.
 * A joint under impedance control has the gains of the row in force (`with_impedance`).
+* A servo whose derivative gain acts on the error has its goal's part of it (`derivative`).
 * The same start, commands and effects give the same positions to the bit, in any row and
   with any others. Rows may repeat a recording, to try many parameters on it side by side.
 """

@@ -10,6 +10,7 @@ import numpy as np
 
 from envs.errors import EnvsError, TaskError
 from envs.plant import Plant
+from envs.replay.derivative import add_derivatives
 from envs.replay.recording import Recording, Schedule, schedule
 from envs.replay.rollout import rollout
 
@@ -119,6 +120,7 @@ def simulate(
         warm()
     longest = int(steps.max())
     ctrl = np.stack([_extended(plan.ctrl, longest) for plan in plans])  # (N, K, nu)
+    ctrl = add_derivatives(plant.model, ctrl, held)
     off = np.stack([_extended(plan.off, longest) for plan in plans])  # (N, K)
     known = [plan.law for plan in plans if plan.law is not None]
     if 0 < len(known) < len(plans):

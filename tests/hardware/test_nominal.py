@@ -71,6 +71,19 @@ def test_the_emulator_is_near_the_nominal_model(name: str, tmp_path: Path) -> No
     assert np.sqrt(np.mean(error**2)) < 4 * 0.00153
 
 
+def test_a_derivative_gain_is_named_with_its_time(tmp_path: Path) -> None:
+    """The time is kd / kp, and a model that has it already gets it once; none without a gain."""
+    robot = load_robot("leap_hand", str(public_model("leap_hand", tmp_path)))
+    once = write_nominal_model(robot, tmp_path / "once.xml")
+    for path in (once.model, write_nominal_model(once, tmp_path / "twice.xml").model):
+        model = mujoco.MjModel.from_xml_path(str(path))
+        assert model.nnumeric == len(robot.servos)
+        # kd / kp = (D / 16) 1 ms / (P / 256), P = 600 and D = 200
+        time = model.numeric("derivative_time.if_mcp_act").data[0]
+        assert time == pytest.approx(200 / 16 * 1e-3 / (600 / 256))
+    assert not nominal(load_robot("arm6")).compile().nnumeric
+
+
 def test_a_model_of_other_actuators_is_refused(tmp_path: Path) -> None:
     """The actuators that are missing, and those that there are."""
     robot = load_robot("koch", str(public_model("so101", tmp_path)))

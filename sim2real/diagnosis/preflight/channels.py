@@ -282,26 +282,33 @@ def _limits(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
 
 def _gain_left(log: Log, model: mujoco.MjModel, index: int, share: float) -> float:
     """Return the factor on a servo's gain under which its limit would hold it in few rows."""
-    name = model.actuator(index).name
-    joint = f"qpos.{model.joint(int(model.actuator_trnid[index, 0])).name}"
-    if joint not in log.columns or not model.actuator_gainprm[index, 0]:
+    force = _force(log, model, index)
+    if force is None or not force.any():
         return 1.0
-    error = np.abs(log.column(f"ctrl.{name}") - log.column(joint))
-    most = float(np.quantile(error, 1 - share)) * model.actuator_gainprm[index, 0]
+    most = float(np.quantile(np.abs(force), 1 - share))
     return min(float(model.actuator_forcerange[index, 1]) / max(most, TINY), 1.0)
 
 
 def _saturated(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray:
     """In which rows the model's position servo would be at its limit of force, (T,) bool."""
-    name = model.actuator(index).name
-    joint = f"qpos.{model.joint(int(model.actuator_trnid[index, 0])).name}"
-    servo = model.actuator_biasprm[index, 1] != 0 and model.actuator_forcelimited[index]
-    if not servo or joint not in log.columns:
+    force = _force(log, model, index)
+    if force is None or not model.actuator_forcelimited[index]:
         return np.zeros(len(log), bool)
-    error = log.column(f"ctrl.{name}") - log.column(joint)
-    on = log.columns.get(f"torque.{name}", np.ones(len(log))) > 0
-    force = model.actuator_gainprm[index, 0] * np.abs(error)
-    return on & (force >= model.actuator_forcerange[index, 1])
+    on = log.columns.get(f"torque.{model.actuator(index).name}", np.ones(len(log))) > 0
+    return on & (np.abs(force) >= model.actuator_forcerange[index, 1])
+
+
+def _force(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray | None:
+    """Return the force of the model's position servo at a log's errors and speeds, (T,).
+
+    Speeds that are not logged count as none. None: it is no position servo, or was not measured.
+    """
+    joint = model.joint(int(model.actuator_trnid[index, 0])).name
+    gain, (_, stiff, damping) = model.actuator_gainprm[index, 0], model.actuator_biasprm[index, :3]
+    if stiff == 0 or f"qpos.{joint}" not in log.columns:
+        return None
+    error = log.column(f"ctrl.{model.actuator(index).name}") - log.column(f"qpos.{joint}")
+    return gain * error + damping * log.columns.get(f"qvel.{joint}", np.zeros(len(log)))
 
 
 def _resolution(pairs: Pairs, settings: Settings) -> Iterator[Finding]:

@@ -21,6 +21,7 @@ from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE, Servo, Settings
 
 DEGREES = 180 / np.pi
+CURRENT_BASED = 5  # the operating mode of Dynamixel X servos; its manual
 
 
 class Law(NamedTuple):
@@ -226,8 +227,9 @@ def _law_scale(name: str, joint: str, mismatch: float, settings: Servo) -> Findi
 def _law_gain(
     name: str, known: Sequence[tuple[Log, mujoco.MjModel, DutyLaw]], settings: Servo
 ) -> Iterator[Finding]:
-    """A gain that is not the model's."""
+    """A gain that is not the model's; a limit of current says nothing of the full duty."""
     rows = [(log, law, slope) for log, m, law in known if (slope := model_slope(m, name))]
+    rows = [row for row in rows if not _limits_current(row[0], name)]
     ratios = [law.command / slope for _, law, slope in rows]
     if not ratios or _within(float(np.median(ratios)), settings.gain_ratio):
         return
@@ -289,6 +291,11 @@ def _held(log: Log, actuator: str, lag: float) -> np.ndarray:
         rows = np.searchsorted(part.time, part.time - lag - ROUNDING, side="left") - 1
         found.append(part.column(f"ctrl.{actuator}")[np.maximum(rows, 0)])
     return np.concatenate(found)
+
+
+def _limits_current(log: Log, actuator: str) -> bool:
+    """Return whether a servo was in current-based position mode: its current has a limit."""
+    return log.settings.get(actuator, {}).get("operating_mode") == CURRENT_BASED
 
 
 def model_slope(model: mujoco.MjModel, actuator: str) -> float | None:

@@ -12,7 +12,7 @@ from hardware.log import Log, read_log, read_logs, write_log
 from sim2real.diagnosis.data.noise_floor import step_of
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.trial import piece, trial
-from sim2real.diagnosis.preflight.channels import excitation
+from sim2real.diagnosis.preflight.channels import check_channels, excitation
 from sim2real.diagnosis.preflight.checks import NOTES, noise_floor, preflight
 from sim2real.diagnosis.preflight.lag import check_lag
 
@@ -158,6 +158,8 @@ def test_the_duty_law_gives_the_gain() -> None:
     log = changed(make_log(), ["sensor.duty_a"], 0.5)
     fixes = named(log)
     assert "kp by 0.50" in fixes["control_law", "a"]
+    soft = Log(log.columns, {"settings": {"a": {"operating_mode": 5}}})
+    assert ("control_law", "a") not in named(soft), "its limit is one of current, not of duty"
 
 
 def test_a_still_joint_and_one_that_never_turns_back_are_named() -> None:
@@ -203,6 +205,24 @@ def test_a_gain_that_is_lower_is_told_by_how_much() -> None:
         if f.check == "saturation"
     ]
     assert factors and all(0.005 < factor < 0.3 for factor in factors)
+
+
+def test_what_damping_takes_of_a_large_error_is_not_at_the_limit() -> None:
+    """A servo that trails by its damping alone exerts little; at rest with the same error, much."""
+    text = ARM.replace('kv="0.1"', 'kv="4"')
+    time = np.arange(0, 8, 0.02)
+    q = np.abs((time % 4) - 2)  # rad; 1 rad/s to and fro
+    speed = np.where(time % 4 < 2, -1.0, 1.0)
+    columns = {"episode": 0 * time, "time": time}
+    for name, joint in (("a", "shoulder"), ("b", "elbow")):
+        columns |= {f"ctrl.{name}": q + speed, f"qpos.{joint}": q, f"qvel.{joint}": speed}
+    model = mujoco.MjModel.from_xml_string(text)
+
+    def held(log: Log) -> set[str | None]:
+        return {f.where for f in check_channels([log], [model]) if f.check == "saturation"}
+
+    assert held(Log(columns)) == set()
+    assert held(without(Log(columns), "qvel")) == {"a", "b"}
 
 
 def test_a_lag_that_jumps_within_a_log_is_found() -> None:
