@@ -15,7 +15,8 @@ import numpy as np
 from envs.effects.servo import is_joint_servo
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
-from sim2real.diagnosis.data.recording import NEAR, columns_of
+from sim2real.diagnosis.data.recording import columns_of
+from sim2real.diagnosis.data.speeds import NEAR
 from sim2real.diagnosis.settings import Windows
 
 NEARER, FARTHER = 1.5, -0.5  # weights that lead two speeds in a row back to where they began

@@ -5,13 +5,13 @@
     recording = to_recording(rows_of(log, 500, 650), model, rows_before(log, 500))
 
 A replay may start anywhere in an episode. Positions are those of its first row. Speeds are those
-that were logged; where there are none, 0 at the start of an episode, and the slope of the positions
-around its first row elsewhere. The command in force before the first row is the row's before it; at
-the start of an episode it is the first one.
+that were logged; where there are none, 0 at the start of an episode, and elsewhere those that the
+readings around its first row tell (see `speeds`). The command in force before the first row is the
+row's before it; at the start of an episode it is the first one.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
@@ -23,13 +23,13 @@ from envs.models import columns_of, load_spec
 from envs.replay import Recording
 from hardware.log import Log, check_names
 from sim2real.diagnosis.data.impedance import gear_of, laws_of
+from sim2real.diagnosis.data.speeds import AROUND, speed_at
 from sim2real.diagnosis.data.states import state_of
 from sim2real.runs.errors import Sim2RealError
 
 Columns = Mapping[str, np.ndarray]
 LINEAR = 1  # how MuJoCo's delay lines interpolate
 FINEST, COARSEST = 1e-5, 0.1  # s: timesteps that a robot's motion can be simulated with
-NEAR = 2  # rows on either side of a start from which its speed is taken
 
 
 def load_model(log: Log, model: str | Path | None) -> mujoco.MjSpec:
@@ -112,7 +112,7 @@ def rows_of(log: Log, first: int, last: int) -> Log:
 def rows_before(log: Log, row: int) -> Columns | None:
     """Return the columns of the rows just before one; None where it is the first of its episode."""
     start = int(np.argmax(log.episode == log.episode[row]))
-    near = slice(max(start, row - NEAR), row)
+    near = slice(max(start, row - AROUND), row)
     return None if row == start else {n: c[near] for n, c in log.columns.items()}
 
 
@@ -142,7 +142,7 @@ def to_recording(log: Log, model: mujoco.MjModel, before: Columns | None = None)
             held[i] = gear * before[f"ctrl.{name}"][-1] if before else ctrl[0, i]
         if f"torque.{name}" in log.columns:
             powered[:, i] = log.column(f"torque.{name}") > 0
-    qvel, start = _speeds(log, model, before), log.time[0]
+    (qvel, _), start = start_speeds(log, model, before), log.time[0]
     law, act = laws_of(log, model), state_of(log, model)
     return Recording(log.time - start, ctrl, qpos, qvel, powered, held, read - start, law, act)
 
@@ -170,17 +170,34 @@ def _stamps(columns: Columns, name: str) -> np.ndarray:
     return columns.get(f"stamp.{name}", of_joint)
 
 
-def _speeds(log: Log, model: mujoco.MjModel, before: Columns | None) -> np.ndarray:
-    """Return the velocity at the first of some rows of an episode, (nv,)."""
-    qvel = np.zeros(model.nv)
+def start_speeds(
+    log: Log, model: mujoco.MjModel, before: Columns | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the velocity at the first of some rows of an episode, and its standard deviation.
+
+    It is sure where it was logged, and where nothing says anything of it: at an episode's start.
+
+    Args:
+        log: the rows.
+        model: their model.
+        before: see `to_recording`.
+
+    Returns:
+        Both of shape (nv,).
+    """
+    qvel, unsure = np.zeros((2, model.nv))
     for i in range(model.njnt):
         positions, speeds = columns_of(model, i)
         own = slice(int(model.jnt_dofadr[i]), int(model.jnt_dofadr[i]) + len(speeds))
         if all(f"qvel.{name}" in log.columns for name in speeds):
             qvel[own] = [log.column(f"qvel.{name}")[0] for name in speeds]
         elif before is not None and all(f"qpos.{name}" in log.columns for name in positions):
-            qvel[own] = _slopes(log, positions, before, late_by(model))
-    return qvel
+            row = len(before.get("time", ()))
+            parts = [before, log.columns] if row else [log.columns]
+            time = np.concatenate([_stamps(part, positions[0]) for part in parts])
+            values = [np.concatenate([p[f"qpos.{n}"] for p in parts]) for n in positions]
+            qvel[own], unsure[own] = speed_at(time, np.column_stack(values), row, late_by(model))
+    return qvel, unsure
 
 
 def late_by(model: mujoco.MjModel) -> float:
@@ -191,32 +208,3 @@ def late_by(model: mujoco.MjModel) -> float:
     """
     half = int(model.opt.integrator) != int(mujoco.mjtIntegrator.mjINT_RK4)
     return model.opt.timestep / 2 if half else 0.0
-
-
-def _slopes(log: Log, names: Sequence[str], before: Columns, late: float) -> np.ndarray:
-    """Return a joint's velocity at the first row, as the engine counts it.
-
-    The slope of a line through its neighbours, less what it gains in `late` seconds by the
-    acceleration of a parabola through them. That of a free or ball joint is measured from its
-    orientation in that row, in its own frame.
-    """
-    near = [before] if before else []
-    near.append({name: column[: NEAR + 1] for name, column in log.columns.items()})
-    time = np.concatenate([_stamps(part, names[0]) for part in near])
-    values = np.column_stack(
-        [np.concatenate([part[f"qpos.{name}"] for part in near]) for name in names]
-    )  # (rows, width)
-    if len(names) > 1:
-        here = values[len(before.get("time", ()))]
-        turned = [_turn(here[-4:], row[-4:]) for row in values]
-        values = np.column_stack([values[:, :-4], turned])
-    since = time - time.mean()
-    slope = np.polyfit(since, values, 1)[0]
-    return slope if len(time) <= 2 else slope - 2 * np.polyfit(since, values, 2)[0] * late
-
-
-def _turn(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return the rotation vector that leads from one quaternion to another, in its frame."""
-    found = np.zeros(3)
-    mujoco.mju_subQuat(found, other, one)
-    return found

@@ -1,12 +1,14 @@
 """Windows that start elsewhere: by half a count of a position, by the error of a speed.
 
 other = further(data, window, joint, 1e-3)
+start_errors(data, window)                      # (M,) rad/s or m/s
 """
 
 import numpy as np
 
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.data.recording import NEAR
+from sim2real.diagnosis.data.recording import rows_before, rows_of, start_speeds
+from sim2real.diagnosis.data.speeds import NEAR
 from sim2real.diagnosis.data.windows import Window
 
 
@@ -29,3 +31,11 @@ def faster(data: Data, window: Window, joint: int, by: float) -> Window:
     qvel = own.qvel.copy()
     qvel[dof] += by / float(np.sqrt(((times - times.mean()) ** 2).sum()))
     return window._replace(recording=own._replace(qvel=qvel))
+
+
+def start_errors(data: Data, window: Window) -> np.ndarray:
+    """Return the standard deviations of a window's speeds at its start [rad/s or m/s], (M,)."""
+    log, model = data.logs[window.log], data.models[window.model]
+    part, before = rows_of(log, window.start, window.last), rows_before(log, window.start)
+    _, unsure = start_speeds(part, model, before)
+    return np.array([unsure[model.jnt_dofadr[model.jnt_qposadr == j.qpos][0]] for j in data.joints])

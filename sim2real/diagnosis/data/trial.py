@@ -19,7 +19,8 @@ from envs.plant import Fixed, Plant
 from envs.replay import Recording, schedule, simulate, switchable
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
-from sim2real.diagnosis.data.recording import NEAR, Columns, rows_before, rows_of, to_recording
+from sim2real.diagnosis.data.recording import Columns, rows_before, rows_of, to_recording
+from sim2real.diagnosis.data.speeds import NEAR
 from sim2real.diagnosis.data.windows import hunting_rows
 
 LARGEST = 2e8  # bytes of positions simulated at once

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.noise_floor import reading_noise
 from sim2real.diagnosis.data.simulate import Simulator
-from sim2real.diagnosis.data.starts import faster, further
+from sim2real.diagnosis.data.starts import faster, further, start_errors
 from sim2real.diagnosis.data.windows import Window, cut_one
 from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.inference.batches import Rows, simulate_each
@@ -242,24 +243,26 @@ class Replayer:
         ways = np.zeros((*self.used.shape, count, 2 * count))
         for joint in range(count):
             ways[..., joint, joint] = self.noise[joint]
-            ways[..., joint, count + joint] = self.speed_noise[joint] * self.times
+            ways[..., joint, count + joint] = self.speed_noise[:, joint, None] * self.times
         return ways
 
-    @property
+    @cached_property
     def speed_noise(self) -> np.ndarray:
-        """The error of a speed at a start, in the units of errors a second, (M,)."""
-        data = self.data
-        found = []
-        for joint, noise in enumerate(self.noise):
-            window = data.windows[0]
-            column = f"qvel.{data.joints[joint].name}"
-            if all(column in log.columns for log in data.logs):
-                found.append(reading_noise(data.logs, column, data.settings) / data.scale[joint])
-                continue
-            moved = faster(data, window, joint, float(noise * data.scale[joint]))
-            change = moved.recording.qvel - window.recording.qvel
-            found.append(float(np.abs(change).max()) / data.scale[joint])
-        return np.maximum(found, TINY)
+        """The error of each window's speeds at its start, in the units of errors a second, (W, M).
+
+        At least what the noise of a reading makes, or that of a logged speed.
+        """
+        data, logged = self.data, [f"qvel.{joint.name}" for joint in self.data.joints]
+        known = [all(column in log.columns for log in data.logs) for column in logged]
+        own = np.stack([start_errors(data, window) for window in data.windows]) / data.scale
+        for joint, column in enumerate(logged):
+            least = reading_noise(data.logs, column, data.settings) / data.scale[joint]
+            if not known[joint]:
+                moved = faster(data, data.windows[0], joint, self.noise[joint] * data.scale[joint])
+                change = moved.recording.qvel - data.windows[0].recording.qvel
+                least = float(np.abs(change).max()) / data.scale[joint]
+            own[:, joint] = np.maximum(own[:, joint], max(least, TINY))
+        return own
 
     def holding(self) -> np.ndarray:
         """Return the errors of "each joint stays", (W, N, M)."""
@@ -286,11 +289,13 @@ class Replayer:
     ) -> np.ndarray:
         """Return the errors of windows that start with one joint off, (W, N, M)."""
         found = np.empty((*self.used.shape, len(self.noise)))
-        size = float((self.speed_noise if of_speed else self.noise)[joint] * self.data.scale[joint])
+        noise = self.speed_noise if of_speed else np.tile(self.noise, (len(self.every), 1))
+        sizes = noise[:, joint] * self.data.scale[joint]
         shift = _speeded if of_speed else further
         for ask in self._asks(0, Job(hypothesis, values, self.every)):
             data = (_stacked(self, [ask.log]) if ask.log else self._plain).data
-            windows = [shift(data, window, joint, size) for window in data.windows]
+            pairs = zip(data.windows, np.resize(sizes, len(data.windows)), strict=True)
+            windows = [shift(data, window, joint, float(size)) for window, size in pairs]
             other = self._plain.of(replace(data, windows=tuple(windows)))
             rows = [Rows(hypothesis.effects, ask.windows, ask.values)]
             (made,) = simulate_each(other, rows, remember=False)

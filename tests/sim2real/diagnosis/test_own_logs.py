@@ -61,6 +61,15 @@ MODELS: dict[str, tuple[dict[str, str], float]] = {  # parts of the arm, size of
         0.6,
     ),
     "joint that nothing drives": ({"more": LOWER.replace('"0.1"', '"0.02"')}, 0.4),
+    "two links that swing freely": (  # half a count at a start is a radian within a second
+        {
+            "options": '<option timestep="0.005" integrator="RK4"/>',
+            "more": LOWER.replace('"0.1"', '"0"').replace('"0.01"', '"0"'),
+            "joint": 'ref="0"',
+            "actuators": '<motor joint="a" gear="2"/>',
+        },
+        0.5,
+    ),
     "coupled joints": (
         {
             "more": LOWER,
