@@ -5,7 +5,7 @@ Each acts before every physics substep on the law, or on the range, of the actua
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -18,6 +18,7 @@ from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.effects.servo import ActuatorEffect, is_joint_servo, is_linear, limited
 from envs.params import How
+from envs.physics.arrays import Array
 
 NO_KNEE = 1e6  # rad/s: a motor whose torque does not fall with its speed
 
@@ -28,7 +29,8 @@ class _DriveRule(SubstepRule):
     def __init__(self, plant: PlantView, effect: ActuatorEffect) -> None:
         model, index = plant.model, effect.actuators(plant.model)
         self.plant, self.index, self.arrivals = plant, index, DelayedCommands.of(plant)
-        self.gear = model.actuator_gear[index, 0]  # (k,)
+        self.arrays, self.xp = plant.arrays, plant.arrays.xp
+        self.gear = self.arrays.own(model.actuator_gear[index, 0])  # (k,)
         joint = model.actuator_trnid[index, 0]
         self.q, self.v = model.jnt_qposadr[joint], model.jnt_dofadr[joint]
         for name in ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange"):
@@ -36,13 +38,15 @@ class _DriveRule(SubstepRule):
         self.group = model.actuator_group[index]
         self.value = np.zeros((plant.num_rows, 1))
 
-    def is_on(self, ids: np.ndarray | slice) -> np.ndarray | bool:
-        """Return which of the actuators are switched on, (n, k), or True: all are.
+    def powered(self, ids: Any, values: Array) -> Array:
+        """Return values (n, k), 0 where the actuator is switched off.
 
         The engine's clamp acts on one that is off, too: a range without 0 would still push.
         """
-        mask = self.plant.batch.expanded("opt.disableactuator")
-        return mask is None or (mask.reshape(-1, 1)[ids] >> self.group & 1) == 0
+        mask = self.plant.batch.expanded("opt.disableactuator")  # none of an engine on a device
+        if mask is None:
+            return values
+        return np.where((mask.reshape(-1, 1)[ids] >> self.group & 1) == 0, values, 0.0)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         """Keep the value of each row."""
@@ -50,7 +54,7 @@ class _DriveRule(SubstepRule):
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         """Keep where the actuators and joints are in the rows ids of fields, and the values."""
-        own, index = self.plant.arrays.own, self.plant.arrays.index
+        own, index = self.arrays.own, self.arrays.index
         self.gain, self.bias = (
             self.plant.now(name) for name in ("actuator_gainprm", "actuator_biasprm")
         )
@@ -59,7 +63,7 @@ class _DriveRule(SubstepRule):
         self.places = index(block(ids, self.q)), index(block(ids, self.v))
         self.low, self.high = (*self.at, 0), (*self.at, 1)  # in the range
 
-    def law(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def law(self) -> tuple[Array, Array, Array]:
         """Return the actuators' requested torques in the coming substep, (n, k) each.
 
         The force, its part from the command and the position, and the gain.
@@ -80,7 +84,7 @@ class _Knee(_DriveRule):
     def __init__(self, plant: PlantView, effect: TorqueSpeedKnee) -> None:
         super().__init__(plant, effect)
         self.effect, self.no_load = effect, np.ones((plant.num_rows, 1))
-        self.xp, self.turn = plant.arrays.xp, plant.arrays.own(np.sign(self.gear))
+        self.turn = self.xp.sign(self.gear)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         super().write(ids, values)
@@ -88,10 +92,10 @@ class _Knee(_DriveRule):
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         super().prepare(ids)
-        no_load = self.plant.arrays.own(self.no_load[ids])
+        no_load = self.arrays.own(self.no_load[ids])
         self.free, self.fall = no_load * self.own, (no_load - 1) * self.own
 
-    def before_substep(self, ids: np.ndarray | slice) -> None:
+    def before_substep(self, ids: Any) -> None:
         xp, speed = self.xp, self.plant.layout.raw_qvel[self.places[1]] * self.turn  # (n, k)
         left = xp.minimum(xp.maximum((self.free - xp.abs(speed)) / self.fall, 0.0), 1.0)
         self.range[self.high] *= xp.where(speed > 0, left, 1.0)
@@ -152,20 +156,22 @@ class _Lag(_DriveRule):
 
     def __init__(self, plant: PlantView, effect: ActuatorEffect) -> None:
         super().__init__(plant, effect)
-        self.force = np.zeros((plant.num_rows, len(self.index)))
-        self.running = np.zeros(plant.num_rows, dtype=bool)
+        self.force = self.arrays.zeros((plant.num_rows, len(self.index)))
+        self.running = self.arrays.zeros((plant.num_rows, 1), bool)
 
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
-        self.running[ids] = False  # the first substep has what the law asks for
+        self.running[self.arrays.rows(ids)] = False  # the first substep has what the law asks for
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         super().prepare(ids)
-        self.kept = np.exp(-self.plant.model.opt.timestep / np.maximum(self.own, 1e-12))
+        dt, lag = self.plant.model.opt.timestep, np.maximum(self.value[ids], 1e-12)
+        self.kept = self.arrays.own(np.exp(-dt / lag))
 
-    def before_substep(self, ids: np.ndarray | slice) -> None:
-        wanted = np.minimum(np.maximum(self.law()[0], self.range[self.low]), self.range[self.high])
-        kept = np.where(self.running[ids][:, None], self.kept, 0.0)
-        force = np.where(self.is_on(ids), wanted + (self.force[ids] - wanted) * kept, 0.0)
+    def before_substep(self, ids: Any) -> None:
+        xp = self.xp
+        wanted = xp.minimum(xp.maximum(self.law()[0], self.range[self.low]), self.range[self.high])
+        kept = xp.where(self.running[ids], self.kept, 0.0)
+        force = self.powered(ids, wanted + (self.force[ids] - wanted) * kept)
         self.force[ids], self.running[ids] = force, True
         self.range[self.at] = force[..., None]  # both ends: the engine's clamp yields this force
 
@@ -179,6 +185,7 @@ class ActuatorLag(ActuatorEffect):
     """
 
     name = "actuator_lag"
+    engines = BOTH
     unit = "s"
     typical = (0.0, 0.03)
     no_mjcf = "MJCF filters an actuator's command, not its torque"
@@ -207,18 +214,18 @@ class _Integral(_DriveRule):
 
     def __init__(self, plant: PlantView, effect: ActuatorEffect) -> None:
         super().__init__(plant, effect)
-        self.sum = np.zeros((plant.num_rows, len(self.index)))  # of the error [rad s]
+        self.sum = self.arrays.zeros((plant.num_rows, len(self.index)))  # of the error [rad s]
 
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
-        self.sum[ids] = 0.0
+        self.sum[self.arrays.rows(ids)] = 0.0
 
-    def before_substep(self, ids: np.ndarray | slice) -> None:
-        (law, pull, gain), dt = self.law(), self.plant.model.opt.timestep
-        error, rate, total = pull / np.where(gain > 0, gain, 1.0), gain * self.own, self.sum[ids]
+    def before_substep(self, ids: Any) -> None:
+        xp, (law, pull, gain), dt = self.xp, self.law(), self.plant.model.opt.timestep
+        error, rate, total = pull / xp.where(gain > 0, gain, 1.0), gain * self.own, self.sum[ids]
         force = law + rate * total
         low, high = self.range[self.low], self.range[self.high]
         winds = ((force >= high) & (error > 0)) | ((force <= low) & (error < 0))
-        total = np.where(self.is_on(ids), total + np.where(winds, 0.0, error * dt), 0.0)
+        total = self.powered(ids, total + xp.where(winds, 0.0, error * dt))
         self.sum[ids] = total
         self.bias[self.low] += rate * total
 
@@ -231,6 +238,7 @@ class IntegralAction(ActuatorEffect):
     """
 
     name = "integral_action"
+    engines = BOTH
     unit = "1/s"
     typical = (0.0, 10.0)
     no_mjcf = "a position actuator has no integral term"

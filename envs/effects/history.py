@@ -7,14 +7,17 @@ position servo towards 0.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from envs.effects.bound import BoundEffect, SubstepRule
-from envs.effects.places import Block, block, spaced
+from envs.effects.places import block, spaced
 from envs.effects.plant_view import PlantView
+from envs.physics.arrays import Array, Arrays
 
 UNBOUNDED = (-np.inf, np.inf)
-SAME = 1e-10  # s: times this close are equal, as the engine takes them
+SAME = 1e-10, 1e-6  # s: times this close are equal to the engines, in float64 and in float32
 
 
 class CommandHistory(BoundEffect):
@@ -55,15 +58,20 @@ class DelayedCommands(SubstepRule):
 
     def __init__(self, plant: PlantView) -> None:
         self._plant, model = plant, plant.model
+        self._arrays: Arrays = plant.arrays
+        self._same = SAME[0] if self._arrays.on_host else SAME[1]
         self._columns = model.actuator_ctrladr[: model.nactuator]
         self._lines = np.flatnonzero(
             (model.actuator_historyadr >= 0) & (model.actuator_ctrlnum == 1)
         )
-        none = np.empty((plant.num_rows, 0))
-        self._history = plant.batch.bind("history") if model.nhistory else none  # (N, nhistory)
+        none = self._arrays.zeros((plant.num_rows, 0))
+        self._history = plant.physics.bind("history") if model.nhistory else none  # (N, nhistory)
         self._first = model.actuator_historyadr[self._lines]  # (L,)
         self._samples, self._interp = model.actuator_history[self._lines].T
-        self._found = np.zeros((plant.num_rows, model.nactuator))
+        self._times, self._length, self._sent = (
+            self._arrays.own(one) for one in (self._first + 2, self._samples, self._columns)
+        )
+        self._found = self._arrays.zeros((plant.num_rows, model.nactuator))
         self._stale = True
 
     @classmethod
@@ -73,25 +81,26 @@ class DelayedCommands(SubstepRule):
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         """Keep the rows whose commands are late, and the ranges of all."""
-        limits = control_range(self._plant, slice(None))[:, self._columns]
+        own, index = self._arrays.own, self._arrays.index
+        limits = own(control_range(self._plant, slice(None))[:, self._columns])
         self._low, self._high = limits[..., 0], limits[..., 1]
         every = self._plant.batch.expanded("actuator_delay")
         delays = self._plant.model.actuator_delay if every is None else every
         shape = (self._plant.num_rows, len(self._lines))
         delays = np.broadcast_to(delays[..., self._lines], shape)
         late = np.flatnonzero((delays > 0).any(axis=1))
-        self._some, self._rows, self._delay = bool(late.size), late[:, None], delays[late]
-        self._when, self._at = spaced(late), block(late, self._lines)
-        self._newest = block(late, self._first + 1)
+        self._some, self._rows, self._delay = bool(late.size), own(late), own(delays[late])
+        self._when, self._at = index(spaced(late)), index(block(late, self._lines))
+        self._newest = index(block(late, self._first + 1))
         self._in_time = None if (self._delay > 0).all() else self._delay <= 0
-        self._stepped = self._interp == 0 if (self._interp == 0).any() else None
-        self._look(np.ones(self._delay.shape, int))
+        self._stepped = own(self._interp == 0) if (self._interp == 0).any() else None
+        self._look(own(np.ones(self._delay.shape, int)))
 
     def before_substep(self, ids: np.ndarray | slice) -> None:
         """Forget what reached the actuators before."""
         self._stale = True
 
-    def at(self, places: Block) -> np.ndarray:
+    def at(self, places: Any) -> Array:
         """Return the commands that reach a block of rows and actuators, clamped, (n, k)."""
         if self._stale:
             self._read()
@@ -99,28 +108,29 @@ class DelayedCommands(SubstepRule):
         return self._found[places]
 
     def _read(self) -> None:
-        found = self._plant.ctrl[:, self._columns]
+        xp, found = self._arrays.xp, self._plant.ctrl[:, self._sent]
         if self._some:
             found[self._at] = self._late(found[self._at])
-        self._found = np.minimum(np.maximum(found, self._low), self._high)
+        self._found = xp.minimum(xp.maximum(found, self._low), self._high)
 
-    def _late(self, now: np.ndarray) -> np.ndarray:
+    def _late(self, now: Array) -> Array:
         """Return the delay lines' values at the time minus the delay, as mj_readCtrl does.
 
         Args:
             now: what is sent to the actuators with a line in the rows with a delay, (n, L).
         """
-        newest = self._history[self._newest].astype(int)  # (n, L)
+        xp = self._arrays.xp
+        newest = xp.astype(self._history[self._newest], xp.int64)  # (n, L)
         when = self._plant.time[self._when][:, None] - self._delay
-        t0, t1, v0, v1 = self._around(newest, when + SAME)
-        weight = (when - t0) / np.where(t1 > t0, t1 - t0, 1.0)
-        weight = np.minimum(np.maximum(weight, 0.0), 1.0)
+        t0, t1, v0, v1 = self._around(newest, when + self._same)
+        span = xp.where(t1 > t0, t1 - t0, 1.0)
+        weight = xp.minimum(xp.maximum((when - t0) / span, 0.0), 1.0)
         if self._stepped is not None:
-            weight = np.where(self._stepped, np.floor(weight + 1e-9), weight)
+            weight = xp.where(self._stepped, xp.floor(weight + self._same / span), weight)
         late = v0 + weight * (v1 - v0)
-        return late if self._in_time is None else np.where(self._in_time, now, late)
+        return late if self._in_time is None else xp.where(self._in_time, now, late)
 
-    def _around(self, newest: np.ndarray, when: np.ndarray) -> np.ndarray:
+    def _around(self, newest: Array, when: Array) -> Array:
         """Return times and values of the samples before and after a time, (4, n, L).
 
         The sample after it, counted from the oldest one, mostly is the same as in the substep
@@ -131,23 +141,24 @@ class DelayedCommands(SubstepRule):
         right &= (found[1] > when) | self._last_one
         if right.all():
             return found
-        after, times, samples = self._after, self._first + 2, self._samples
-        for line in np.flatnonzero(~right.all(axis=0)):
-            wrong, first, count = ~right[:, line], times[line], samples[line]
-            own = self._history[self._rows[wrong], np.arange(first, first + count)]  # (n, samples)
-            before = (own <= when[wrong, line, None]).sum(axis=1)
-            after[wrong, line] = np.clip(before, 1, count - 1)
+        xp, after = self._arrays.xp, self._after
+        for line in np.flatnonzero(self._arrays.host(~xp.all(right, axis=0))):
+            wrong, first, count = ~right[:, line], self._first[line] + 2, self._samples[line]
+            own = self._history[self._rows[wrong], first : first + count]  # (n, samples)
+            before = xp.sum(own <= when[wrong, line][:, None], axis=1)
+            after[wrong, line] = xp.clip(before, 1, count - 1)
         self._look(after)
         return self._pair(newest)
 
-    def _look(self, after: np.ndarray) -> None:
+    def _look(self, after: Array) -> None:
         """Keep which sample comes after the time in question, counted from the oldest, (n, L)."""
-        self._after, self._pairs = after, np.stack([after, after + 1])
-        self._first_one, self._last_one = after == 1, after == self._samples - 1
+        self._after, self._pairs = after, self._arrays.xp.stack([after, after + 1])
+        self._first_one, self._last_one = after == 1, after == self._length - 1
 
-    def _pair(self, newest: np.ndarray) -> np.ndarray:
-        times = self._first + 2 + (newest + self._pairs) % self._samples  # (2, n, L)
-        return self._history[self._rows, np.concatenate([times, times + self._samples])]
+    def _pair(self, newest: Array) -> Array:
+        times = self._times + (newest + self._pairs) % self._length  # (2, n, L)
+        places = self._arrays.xp.concat([times, times + self._length])
+        return self._history[self._rows[:, None], places]
 
 
 def control_range(plant: PlantView, rows: np.ndarray | slice) -> np.ndarray:

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import PLAIN, Effect
+from envs.effects.base import BOTH, PLAIN, Effect
 from envs.effects.bound import Measurement
 from envs.effects.contact import soles
 from envs.effects.plant_view import PlantView
@@ -20,6 +20,7 @@ from envs.effects.scale import RobotScale
 from envs.effects.sensing import READ
 from envs.errors import EffectError
 from envs.params import Parameter
+from envs.physics.arrays import Array
 
 FREE = int(mujoco.mjtJoint.mjJNT_FREE)
 AXES = ("x", "y", "z")
@@ -47,11 +48,12 @@ class _Imu(Measurement):
     order = 30
 
     def __init__(self, plant: PlantView, effect: Effect) -> None:
-        self.turn, self.spin = _places(plant.nominal)
-        self.value = np.zeros((plant.num_rows, max(len(effect.components), 1)))
+        self.arrays, own = plant.arrays, plant.arrays.own
+        self.turn, self.spin = (own(place) for place in _places(plant.nominal))
+        self.value = self.arrays.zeros((plant.num_rows, max(len(effect.components), 1)))
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
-        self.value[ids] = values
+        self.value[self.arrays.rows(ids)] = self.arrays.own(values)
 
     def measure_path(self, dt: float, qpos: np.ndarray, qvel: np.ndarray) -> None:
         """Leave positions as they are."""
@@ -62,14 +64,19 @@ class _Mounting(_Imu):
 
     def __init__(self, plant: PlantView, effect: Effect) -> None:
         super().__init__(plant, effect)
+        self.mount = self.arrays.zeros((plant.num_rows, 4))  # the value as a quaternion
         self._model, self._soles = plant.nominal, soles(plant.nominal)
         self._data = mujoco.MjData(self._model)
         self._up = int(self.turn[0]) - 1  # the base's height
 
-    def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
-        mount = turn_by(self.value[ids])
-        qpos[:, self.turn] = product(qpos[:, self.turn], mount)
-        qvel[:, self.spin] = rotated(inverse(mount), qvel[:, self.spin])
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        super().write(ids, values)
+        self.mount[self.arrays.rows(ids)] = self.arrays.own(turn_by(values))
+
+    def measure(self, ids: Any, qpos: Array, qvel: Array) -> None:
+        mount, xp = self.mount[ids], self.arrays.xp
+        qpos[:, self.turn] = product(qpos[:, self.turn], mount, xp)
+        qvel[:, self.spin] = rotated(inverse(mount, xp), qvel[:, self.spin], xp)
 
     def measure_path(self, dt: float, qpos: np.ndarray, qvel: np.ndarray) -> None:
         mount = turn_by(self.value)[:, None]
@@ -77,10 +84,11 @@ class _Mounting(_Imu):
 
     def unmeasure(self, ids: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
         """Turn the base back, with its lowest sole as high as before."""
-        mount, turned = turn_by(self.value[ids]), np.flatnonzero(self.value[ids].any(axis=1))
+        turn, spin, value = (self.arrays.host(one) for one in (self.turn, self.spin, self.value))
+        mount, turned = turn_by(value[ids]), np.flatnonzero(value[ids].any(axis=1))
         low = [self._lowest(qpos[row]) for row in turned]
-        qpos[:, self.turn] = product(qpos[:, self.turn], inverse(mount))
-        qvel[:, self.spin] = rotated(mount, qvel[:, self.spin])
+        qpos[:, turn] = product(qpos[:, turn], inverse(mount))
+        qvel[:, spin] = rotated(mount, qvel[:, spin])
         for row, before in zip(turned, low, strict=True):
             qpos[row, self._up] += before - self._lowest(qpos[row])
 
@@ -99,10 +107,10 @@ class _Delay(SamplingDelay):
 
     def __init__(self, plant: PlantView, effect: Effect) -> None:
         super().__init__(plant, effect)
-        self.turn, self.spin = _places(plant.nominal)
+        self.turn, self.spin = (self.arrays.own(place) for place in _places(plant.nominal))
 
-    def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
-        late, slow = qpos.copy(), qvel.copy()
+    def measure(self, ids: Any, qpos: Array, qvel: Array) -> None:
+        late, slow = (self.arrays.xp.asarray(one, copy=True) for one in (qpos, qvel))
         super().measure(ids, late, slow)
         qpos[:, self.turn], qvel[:, self.spin] = late[:, self.turn], slow[:, self.spin]
 
@@ -113,18 +121,19 @@ class _Delay(SamplingDelay):
 
     def unmeasure(self, ids: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
         """Turn the base on, as fast as it turns."""
-        ahead = turn_by(qvel[:, self.spin] * self.value[ids][:, None])
-        qpos[:, self.turn] = product(qpos[:, self.turn], ahead)
+        turn, spin, value = (self.arrays.host(one) for one in (self.turn, self.spin, self.value))
+        ahead = turn_by(qvel[:, spin] * value[ids][:, None])
+        qpos[:, turn] = product(qpos[:, turn], ahead)
 
 
 class _Bias(_Imu):
     """See `GyroBias`."""
 
-    def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
+    def measure(self, ids: Any, qpos: Array, qvel: Array) -> None:
         qvel[:, self.spin] += self.value[ids]
 
     def unmeasure(self, ids: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
-        qvel[:, self.spin] -= self.value[ids]
+        qvel[:, self.arrays.host(self.spin)] -= self.arrays.host(self.value)[ids]
 
 
 class _Scale(_Imu):
@@ -132,16 +141,17 @@ class _Scale(_Imu):
 
     order = 25
 
-    def measure(self, ids: np.ndarray | slice, qpos: np.ndarray, qvel: np.ndarray) -> None:
+    def measure(self, ids: Any, qpos: Array, qvel: Array) -> None:
         qvel[:, self.spin] *= self.value[ids]
 
     def unmeasure(self, ids: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> None:
-        qvel[:, self.spin] /= self.value[ids]
+        qvel[:, self.arrays.host(self.spin)] /= self.arrays.host(self.value)[ids]
 
 
 class _ImuEffect(Effect):
     """An effect on the IMU of a floating base."""
 
+    engines = BOTH
     place = "robot"
     no_mjcf = READ
     group = PLAIN
@@ -240,21 +250,21 @@ def turn_by(vectors: np.ndarray) -> np.ndarray:
     return np.concatenate([np.cos(HALF * angle), axis], axis=-1)
 
 
-def inverse(turn: np.ndarray) -> np.ndarray:
+def inverse(turn: Array, xp: Any = np) -> Array:
     """Return the quaternions (..., 4) that undo unit quaternions."""
-    return turn * np.array([1.0, -1.0, -1.0, -1.0])
+    return xp.concat([turn[..., :1], -turn[..., 1:]], axis=-1)
 
 
-def product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+def product(first: Array, second: Array, xp: Any = np) -> Array:
     """Return products of quaternions (..., 4): the second turn in the axes of the first."""
     w, v = first[..., :1], first[..., 1:]
     other, axis = second[..., :1], second[..., 1:]
-    real = w * other - (v * axis).sum(axis=-1, keepdims=True)
-    return np.concatenate([real, w * axis + other * v + np.cross(v, axis)], axis=-1)
+    real = w * other - xp.sum(v * axis, axis=-1, keepdims=True)
+    return xp.concat([real, w * axis + other * v + xp.linalg.cross(v, axis)], axis=-1)
 
 
-def rotated(turn: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+def rotated(turn: Array, vectors: Array, xp: Any = np) -> Array:
     """Return vectors (..., 3) turned by unit quaternions (..., 4)."""
     axis = turn[..., 1:]
-    side = 2.0 * np.cross(axis, vectors)
-    return vectors + turn[..., :1] * side + np.cross(axis, side)
+    side = 2.0 * xp.linalg.cross(axis, vectors)
+    return vectors + turn[..., :1] * side + xp.linalg.cross(axis, side)

@@ -5,7 +5,7 @@ A *servo* here is an actuator of the affine kind, force = g u + b0 + b1 length +
 """
 
 import itertools
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -246,11 +246,12 @@ class _DeadZone(SubstepRule):
     def __init__(self, plant: PlantView, effect: ActuatorEffect) -> None:
         index = effect.actuators(plant.model)
         self.plant, self.index, self.arrivals = plant, index, DelayedCommands.of(plant)
-        self.gain, self.bias = plant.live("actuator_gainprm"), plant.live("actuator_biasprm")
-        self.effect = effect
+        self.arrays, self.effect = plant.arrays, effect
+        for name in ("actuator_gainprm", "actuator_biasprm"):
+            plant.live(name)
         self.value, self.punch = np.zeros(plant.num_rows), np.ones(plant.num_rows)
-        self.gear = plant.model.actuator_gear[index, 0]
-        self.turn = np.abs(self.gear)
+        self.gear = self.arrays.own(plant.model.actuator_gear[index, 0])
+        self.turn = self.arrays.xp.abs(self.gear)
         joint = plant.model.actuator_trnid[index, 0]
         self.q = plant.model.jnt_qposadr[joint]
 
@@ -259,23 +260,28 @@ class _DeadZone(SubstepRule):
         self.punch[ids] = self.effect.scalar("punch", values)
 
     def prepare(self, ids: np.ndarray | slice) -> None:
-        self.at, self.places = block(ids, self.index), block(ids, self.q)
-        self.width = self.value[ids, None]
-        missing = (1.0 - self.punch[ids, None]) * self.width * self.turn  # (n, k)
-        self.missing = missing if missing.any() else None
+        own, index = self.arrays.own, self.arrays.index
+        self.gain, self.bias = (
+            self.plant.now(name) for name in ("actuator_gainprm", "actuator_biasprm")
+        )
+        self.at, self.places = index(block(ids, self.index)), index(block(ids, self.q))
+        self.width = own(self.value[ids, None])
+        missing = (1.0 - self.punch[ids, None]) * self.value[ids, None]
+        self.missing = own(missing) * self.turn if missing.any() else None  # (n, k)
 
-    def before_substep(self, ids: np.ndarray | slice) -> None:
+    def before_substep(self, ids: Any) -> None:
+        xp = self.arrays.xp
         gain, held, stiff = self.gain[(*self.at, 0)], *(self.bias[(*self.at, c)] for c in (0, 1))
         length = self.gear * self.plant.layout.raw_qpos[self.places]
         law = gain * self.arrivals.at(self.at) + held + stiff * length  # (n, k)
-        error = np.abs(law) / np.where(gain > 0, gain, 1.0) / self.turn  # rad at the joint
+        error = xp.abs(law) / xp.where(gain > 0, gain, 1.0) / self.turn  # rad at the joint
         idle = error < self.width
         if self.missing is not None:
-            held = held - np.sign(law) * gain * self.missing
+            held = held - xp.sign(law) * gain * self.missing
         if self.missing is not None or idle.any():
-            self.gain[(*self.at, 0)] = np.where(idle, 0.0, gain)
-            self.bias[(*self.at, 0)] = np.where(idle, 0.0, held)
-            self.bias[(*self.at, 1)] = np.where(idle, 0.0, stiff)
+            self.gain[(*self.at, 0)] = xp.where(idle, 0.0, gain)
+            self.bias[(*self.at, 0)] = xp.where(idle, 0.0, held)
+            self.bias[(*self.at, 1)] = xp.where(idle, 0.0, stiff)
 
 
 class DeadZone(ActuatorEffect):
@@ -286,6 +292,7 @@ class DeadZone(ActuatorEffect):
     """
 
     name = "dead_zone"
+    engines = BOTH
     unit = "rad"
     extras = (
         Extra(

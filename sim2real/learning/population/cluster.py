@@ -45,7 +45,7 @@ from sim2real.learning.population.remote import (
 
 log = logging.getLogger(__name__)
 ROOT = Path(__file__).resolve().parents[3]
-START_TIMEOUT = 120.0  # s, for a worker to import and build its environment
+START_TIMEOUT = 600.0  # s, for a worker to import and build its environment, on a busy machine too
 
 
 class RayLink:

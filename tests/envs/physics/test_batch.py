@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from mujoco.batch import Batch
 
-from envs.effects import EFFECTS, make
+from envs.effects import EFFECTS
 from envs.errors import EffectError, TaskError
 from envs.physics import ENGINES, make_physics
 from envs.physics.arrays import NUMPY
@@ -58,10 +58,16 @@ def test_effects_name_engines_that_there_are() -> None:
 
 
 def test_an_effect_that_an_engine_lacks_is_refused_before_any_work() -> None:
-    """The message names the effect, and those that work."""
-    rule = make("imu_delay")
-    with pytest.raises(EffectError, match=r"imu_delay does not .*armature, asymmetric_friction"):
-        Plant(Hopper().spec(), [rule], physics="warp")
+    """The message names a user's effect for NumPy, and those that work."""
+
+    class Own(EFFECTS["dead_zone"]):
+        engines = ("batch",)
+
+    with pytest.raises(
+        EffectError,
+        match=r"dead_zone does not work with physics=warp; .* use physics=batch\. .*armature, asym",
+    ):
+        Plant(Hopper().spec(), [Own()], physics="warp")
 
 
 def test_arrays_of_the_host_are_numpys_own() -> None:

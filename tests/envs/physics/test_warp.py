@@ -20,6 +20,7 @@ from envs.physics.arrays import Arrays
 from envs.randomization import Draw, Randomization
 from envs.simulation import Simulation
 from envs.tasks.base import State, Task
+from envs.tasks.servo.base import Fidelity
 from envs.tasks.servo.bench1 import Bench1
 from envs.tasks.servo.hopper2 import Hopper2
 from envs.tasks.servo.quad8 import Quad8
@@ -74,6 +75,7 @@ def test_a_hopper_with_parameters_is_the_same_on_both_engines() -> None:
 
 
 ONE = {  # where an effect acts on quad8, and three values of its parameters
+    "actuator_lag": ("hip_fl", [0.0, 0.005, 0.02]),
     "armature": ("hip_fl", [0.0, 1e-3, 3e-3]),
     "asymmetric_friction": ("hip_fl", [0.0, 0.02, -0.05]),
     "backlash": ("hip_fl", [0.01, 0.02, 0.03]),
@@ -83,12 +85,18 @@ ONE = {  # where an effect acts on quad8, and three values of its parameters
     "command_delay": (None, [0.0, 0.004, 0.015]),
     "contact_stiffness": (None, [1.0, 0.5, 2.0]),
     "coulomb_friction": ("hip_fl", [0.0, 0.02, 0.05]),
+    "dead_zone": ("hip_fl", [0.0, 0.01, 0.04]),
     "derivative_gain": ("hip_fl", [0.0, 1e-3, 3e-3]),
     "encoder_eccentricity": ("hip_fl", [0.0, 0.02, 0.05]),
     "encoder_offset": ("hip_fl", [0.0, 0.02, -0.05]),
     "gravity_tilt": (None, [[0.0, 0.0], [0.05, -0.05], [-0.1, 0.02]]),
     "ground_friction": (None, [1.0, 0.7, 1.4]),
+    "gyro_bias": (None, [[0.0, 0.0, 0.0], [0.1, -0.2, 0.05], [0.0, 0.0, 0.3]]),
+    "gyro_scale": (None, [1.0, 1.3, 0.8]),
     "hysteretic_compliance": ("hip_fl", [0.05, 0.1, 0.2]),
+    "imu_delay": (None, [0.0, 0.004, 0.015]),
+    "imu_mounting": (None, [[0.0, 0.0, 0.0], [0.06, -0.03, 0.02], [0.0, 0.1, 0.0]]),
+    "integral_action": ("hip_fl", [0.0, 2.0, 10.0]),
     "joint_compliance": ("hip_fl", [0.05, 0.1, 0.2]),
     "link_inertia": ("thigh_fl", [1.0, 0.7, 1.5]),
     "link_length": ("thigh_fl", [1.0, 1.05, 0.95]),
@@ -141,6 +149,7 @@ def test_effects_are_the_same_on_both_engines(name: str) -> None:
     [
         ("backlash", {"side": "link"}, [0.0, 0.02, 0.03]),
         ("joint_compliance", {"side": "link"}, [0.0, 0.1, 0.2]),
+        ("dead_zone", {"punch": 0.0}, [0.0, 0.01, 0.04]),
         ("stribeck_friction", {"bristle": 0.01}, [0.0, 0.02, 0.05]),
         ("load_dependent_friction", {"external": 0.0}, [0.0, 0.1, 0.3]),
         ("thermal_derating", {"braking": 1.0, "decay": 0.5}, [0.0, 1.0, 5.0]),
@@ -150,6 +159,35 @@ def test_the_ways_of_an_effect_are_the_same_on_both_engines(name: str, given, va
     """Loops that are closed behind a joint, bristles, loads and heat."""
     batch, warp = pair(lambda: Quad8("ideal"), lambda: [make(name, where="hip_fl", **given)])
     assert gap(batch, warp, np.array(values).reshape(ROWS, 1)) < 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fidelity", ["ideal", "servo"])  # lines that interpolate, and that hold
+def test_laws_read_late_commands_on_both_engines(fidelity: Fidelity) -> None:
+    """What a law before a substep reads of a delay line is what the engine acts on."""
+    late = [make("command_delay")] if fidelity == "ideal" else []
+    rules = [make("dead_zone", where="hip_fl"), make("integral_action", where="knee_fl")]
+    rules += [make("actuator_lag", where="hip_fr")]
+    batch, warp = pair(lambda: Quad8(fidelity), lambda: [*rules, *late])
+    values = np.array([[0.0, 0.0, 0.0], [0.01, 2.0, 0.005], [0.03, 10.0, 0.02]])
+    delays = np.array([[0.0], [0.0035], [0.02]])[:, : len(late)]
+    assert gap(batch, warp, np.hstack([values, delays])) < 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["gyro_bias", "gyro_scale", "imu_delay", "imu_mounting"])
+def test_an_imu_says_the_same_on_both_engines(name: str) -> None:
+    """Orientation and angular velocity of the base, which no position or reward shows."""
+    where, values = ONE[name]
+    batch, warp = pair(lambda: Quad8("ideal"), lambda: [make(name, where=where)])
+    gap(batch, warp, np.array(values, float).reshape(ROWS, -1), steps=5)
+    (said, spin), (other, turning) = batch.plant.measured(None), warp.plant.measured(None)
+    base, gyro = slice(3, 7), slice(3, 6)
+    true = batch.plant.qpos[1:, base], batch.plant.qvel[1:, gyro]
+    moved = np.abs(said[1:, base] - true[0]).max(), np.abs(spin[1:, gyro] - true[1]).max()
+    assert max(moved) > 1e-2  # the effect is there
+    assert np.abs(said[:, base] - other[:, base].cpu().numpy()).max() < 1e-4
+    assert np.abs(spin[:, gyro] - turning[:, gyro].cpu().numpy()).max() < 1e-2  # rad/s
 
 
 @pytest.mark.slow

@@ -168,6 +168,7 @@ def two_nodes() -> Iterator[Any]:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3600)
 def test_a_ray_cluster_computes_the_local_numbers(two_nodes: Any) -> None:
     """Two workers, one killed in the middle: metrics and parameters to the last bit."""
     expected, theta = iterated(learner(), 6)
@@ -185,6 +186,7 @@ def test_a_ray_cluster_computes_the_local_numbers(two_nodes: Any) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3600)
 def test_too_small_a_cluster_is_refused(two_nodes: Any) -> None:
     """The sentence has both numbers; without any cluster it says how to start one."""
     with (
