@@ -36,7 +36,7 @@ class Appearance(Effect):
 
 
 class Colour(Appearance):
-    """The colour of a body's geoms, in shares of full brightness; the body `world` is the floor."""
+    """Colour offset of a body's geoms, as a fraction of full brightness; `world` is the floor."""
 
     name = "colour"
     engines = BOTH
@@ -93,7 +93,7 @@ class _Dimmer(BoundEffect):
 
 
 class LightLevel(Appearance):
-    """A factor on what all the lights of the model give; the camera's own headlight stays."""
+    """Brightness of all lights of the model, as a factor; the camera's headlight stays."""
 
     name = "light_level"
     engines = BOTH
@@ -120,7 +120,7 @@ class _Beam(BoundEffect):
 
 
 class LightDirection(Appearance):
-    """The lights' direction: turned about the world's x axis, then about its y axis."""
+    """Rotation of the lights about the world's x axis, then its y axis."""
 
     name = "light_direction"
     engines = BOTH
@@ -144,7 +144,7 @@ class _Stand(BoundEffect):
 
 
 class CameraShift(Appearance):
-    """The cameras' offset from the model's positions, along their own axes."""
+    """Offset of the cameras along their own axes."""
 
     name = "camera_shift"
     engines = BOTH
@@ -174,7 +174,7 @@ class _Aim(BoundEffect):
 
 
 class CameraTurn(Appearance):
-    """How far the cameras look away from where the model has them look: right, then up."""
+    """Rotation of the cameras' view: to the right, then up."""
 
     name = "camera_turn"
     engines = BOTH

@@ -19,12 +19,9 @@ class _Rate(BoundEffect):
 
 
 class ClockDrift(Effect):
-    """The fraction by which the clock of commands and readings runs fast: log = true (1 + value).
+    """Fraction by which the log's clock runs fast: log time = true time * (1 + value).
 
-    A second of the log is 1 / (1 + value) s of the robot's. It acts through the time step, so that
-    the effects that are stepped with it keep time with the log. Where positions have stamps of
-    their own (`stamp.<joint>`), the preflight reads off how one clock drifts from the other; jitter
-    of a clock closes no gap, since replays use the stamps, and is a finding there as well.
+    It scales the time step, so all stepped effects follow the log's clock.
     """
 
     name = "clock_drift"

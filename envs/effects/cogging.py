@@ -40,7 +40,7 @@ class _Cogging(SubstepRule):
 
 
 class Cogging(Effect):
-    """A torque ripple with the motor's angle: value sin(count q + phase)."""
+    """A torque ripple over the motor's angle: value sin(count q + phase)."""
 
     name = "cogging"
     place = "joint"

@@ -30,11 +30,9 @@ def stream(label: str) -> int:
 
 
 class CommandDelay(Effect):
-    """The time from sending a command to its arrival at the servos.
+    """Time from sending a command to its arrival at the servos, added to the model's own delays.
 
-    It is added to the model's own delays. The engine's delay line is used: a value of at least one
-    physics step acts as it is, between substeps linearly interpolated; one in (0, timestep] acts as
-    one timestep. `longest` sizes the line.
+    Values below one physics step act as one step. `longest` sizes the delay line.
     """
 
     name = "command_delay"
@@ -105,7 +103,7 @@ class _Loss(CommandRule):
 
 
 class PacketLoss(Effect):
-    """The probability that a control step's command is lost; all servos hold the one before."""
+    """Probability that a control step's command is lost; all servos hold the previous one."""
 
     name = "packet_loss"
     engines = BOTH
@@ -282,7 +280,7 @@ class _ProfileEffect(ActuatorEffect):
 
 
 class ProfileVelocity(_ProfileEffect):
-    """The fastest that a servo moves its goal; 1e6 (a register value of 0) is no limit."""
+    """Speed limit of a servo's goal; 1e6 (register value 0) means no limit."""
 
     name = "profile_velocity"
     unit = "rad/s"
@@ -301,7 +299,7 @@ class ProfileVelocity(_ProfileEffect):
 
 
 class ProfileAcceleration(_ProfileEffect):
-    """The acceleration limit of a servo's goal; 1e6 (a register value of 0) is no limit."""
+    """Acceleration limit of a servo's goal; 1e6 (register value 0) means no limit."""
 
     name = "profile_acceleration"
     unit = "rad/s²"

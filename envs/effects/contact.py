@@ -104,13 +104,11 @@ class _ContactEffect(Effect):
 
 
 class GroundFriction(_ContactEffect, FieldEffect):
-    """Sliding friction coefficient between the ground and what stands on it.
+    """Sliding friction coefficient between the ground and the robot.
 
-    MuJoCo takes the larger of the two geoms' coefficients, so `friction_mode: contact` writes both;
-    with `where` the contacts of the robot's other geoms keep theirs. `seed` writes the robot's geom
-    alone, as the study did whose grid is repeated here: below the floor's own coefficient it then
-    changes nothing. Writing a geom's priority instead would also impose its contact dimension,
-    which makes Hopper's links frictionless.
+    MuJoCo uses the larger coefficient of the two geoms, so `friction_mode: contact` writes both;
+    with `where`, other geoms keep theirs. `seed` writes the robot's geom only: below the floor's
+    coefficient it changes nothing.
 
     Args:
         where: the geom of the robot, or a body whose geoms have no names; None for all its feet,
@@ -238,11 +236,10 @@ class _OwnStiffness(BoundEffect):
 
 
 class ContactStiffness(_ContactEffect):
-    """Stiffness of the contact between the ground and what stands on it, as a factor.
+    """Stiffness of the contacts with the ground, as a factor; the damping ratio stays.
 
-    The damping ratio stays. Without `where` all feet have one value (see `ground_friction`). The
-    engine holds a contact's time constant at two time steps or more, which bounds what a large
-    factor can do.
+    The engine keeps a contact's time constant at two time steps or more, which limits large
+    factors.
     """
 
     name = "contact_stiffness"

@@ -103,10 +103,9 @@ class _Knee(_DriveRule):
 
 
 class TorqueSpeedKnee(ActuatorEffect):
-    """A torque limit that falls with the speed, from its knee to nothing at the no-load speed.
+    """A torque limit that falls from its full value at the knee to zero at the no-load speed.
 
-    Up to the knee the actuator has its whole limit; at `no_load` times the knee it can no longer
-    push in the direction of its motion. Braking is left alone. 1e6 is no knee.
+    It limits torque in the direction of motion only; 1e6 means no limit.
     """
 
     name = "torque_speed_knee"
@@ -177,11 +176,10 @@ class _Lag(_DriveRule):
 
 
 class ActuatorLag(ActuatorEffect):
-    """A first-order lag between the torque that the law asks for and the motor's; a time constant.
+    """A first-order lag of the motor's torque; the value is its time constant.
 
-    Of a current loop with the winding's inductance, or a drive train that winds up. The actuator's
-    own damping, the back-EMF, is not delayed, nor is its end where torque is switched off. A
-    command delay shifts everything; a lag rounds it.
+    It models a current loop with the winding's inductance, or a drive train that winds up. Back-EMF
+    is not delayed.
     """
 
     name = "actuator_lag"
@@ -233,8 +231,8 @@ class _Integral(_DriveRule):
 class IntegralAction(ActuatorEffect):
     """The integral term of a position servo: force = kp (e + value ∫ e dt) - kv w.
 
-    The value is the integral gain over the proportional one, 1 / reset time. The sum stands still
-    while the force is at its limit, and is 0 at the start of an episode and while torque is off.
+    The integral stands still while the force is at its limit; it is 0 at the start of an episode
+    and while torque is off.
     """
 
     name = "integral_action"

@@ -90,11 +90,10 @@ class _Loop(SubstepRule):
 
 
 class EncoderEccentricity(Effect):
-    """An encoder off its axis, with one error wave a turn: measured = q + value sin(q + phase).
+    """An encoder off its axis, with one error wave per turn: measured = q + value sin(q + phase).
 
-    A servo closes its loop on the same encoder. Where a joint moves through less than 1.5 rad the
-    error is an offset and a slope: a diagnosis then looks for it in the place of a shifted encoder
-    alone.
+    The servo controls the same reading. Over a small range of motion the error looks like an
+    offset and a slope.
     """
 
     name = "encoder_eccentricity"

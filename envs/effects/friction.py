@@ -88,10 +88,9 @@ class _Coulomb(BoundEffect):
 
 
 class CoulombFriction(FieldEffect):
-    """Dry friction: a torque against the motion, whatever its speed; the joint sticks below it.
+    """Dry friction: a torque against the motion, whatever the speed; the joint sticks below it.
 
-    Where the model has friction of its own that creeps, as the engine's default does, any change of
-    it makes all of it stick.
+    Friction that the model has already, which creeps by default, then sticks as well.
     """
 
     name = "coulomb_friction"
@@ -125,7 +124,7 @@ class CoulombFriction(FieldEffect):
 
 
 class ViscousFriction(FieldEffect):
-    """A torque against the motion in proportion to its speed."""
+    """A torque against the motion, in proportion to speed."""
 
     name = "viscous_friction"
     place = "joint"
@@ -147,7 +146,7 @@ class ViscousFriction(FieldEffect):
 
 
 class Armature(FieldEffect):
-    """The rotor's inertia, seen through the gear."""
+    """Inertia of the rotor at the joint, that is, multiplied by the squared gear ratio."""
 
     name = "armature"
     place = "joint"

@@ -95,10 +95,10 @@ class _Stribeck(_FrictionRule):
 
 
 class StribeckFriction(_RuledFriction):
-    """More dry friction near standstill than in motion, by value exp(-|w / speed|^shape).
+    """Additional dry friction near standstill: value exp(-|w / speed|^shape).
 
-    With `bristle` the joint gives way elastically before it breaks away: the LuGre model, through
-    whose bristles all of the joint's dry friction goes, its own and that of other effects.
+    With `bristle` the joint yields elastically before it breaks away (LuGre model); all dry
+    friction of the joint then acts through the bristles.
     """
 
     name = "stribeck_friction"
@@ -203,14 +203,10 @@ class _LoadDependent(_FrictionRule):
 
 
 class LoadDependentFriction(_RuledFriction):
-    """Friction in proportion to what the gear carries: value |tau_motor - external tau_external|.
+    """Friction in proportion to the load of the gear: value |tau_motor - external tau_external|.
 
-    The external torque is that of gravity and inertia, minus the engine's bias force; contacts are
-    left out of it. At a hold the motor's and the external torque are opposite, so that the friction
-    is value times twice the gravity torque where `external` is 1. Gears differ in how much friction
-    a back-driving load causes: with `external` 0 only the motor's own torque counts. The part of it
-    that the actuator's damping takes, the back-EMF, never reaches the gear. The torques are those
-    of the previous substep.
+    The external torque is gravity and inertia, without contacts; `external` 0 counts the motor's
+    torque only. Back-EMF does not load the gear. Torques are those of the previous substep.
     """
 
     name = "load_dependent_friction"
@@ -267,12 +263,11 @@ class _OneWay(_FrictionRule):
 
 
 class AsymmetricFriction(_RuledFriction):
-    """More dry friction in one direction of motion: against positive speeds where it is positive.
+    """Additional dry friction in one direction: of positive speeds if the value is positive.
 
-    Friction K + value one way and K the other is friction K + value / 2 both ways and a constant
-    torque -value / 2, at rest as in motion; so it is applied, and so a preloaded spring or a cable
-    that pulls looks the same. `rise` says how much of the value the mean of both ways gains: half
-    of it in this case, nothing where the other way loses what the first one gains.
+    It acts as friction value / 2 in both directions and a constant torque -value / 2, so a
+    preloaded spring looks the same. `rise` is the part of the value by which the mean friction of
+    both directions rises.
     """
 
     name = "asymmetric_friction"

@@ -18,7 +18,7 @@ from envs.physics.arrays import Arrays
 
 
 class Goal(Effect):
-    """The goal of a task, in the task's own unit; the policy does not see it.
+    """Goal of a task, in the task's unit; the policy does not observe it.
 
     Args:
         where: must be left out, as for every effect on the whole robot.

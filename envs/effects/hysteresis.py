@@ -27,8 +27,7 @@ class _Hysteresis(Spring):
 class HystereticCompliance(SeriesEffect):
     """A spring between motor and link with dry friction parallel to it.
 
-    The deflection follows the load by `value` only beyond the friction, and comes back later than
-    it went: a loop that costs 4 `friction` times its amplitude, however slowly it is run through.
+    Loading and unloading differ: a cycle costs 4 `friction` times its amplitude at any speed.
     `side` is where the servo's encoder sits, `encoder` where the log's does, if elsewhere.
     """
 

@@ -168,10 +168,10 @@ class _ImuEffect(Effect):
 
 
 class ImuMounting(_ImuEffect):
-    """An IMU that is turned on the robot, against the axes that the model gives it.
+    """Rotation of the IMU relative to the axes in the model, as a rotation vector.
 
-    The value is a rotation vector in the model's axes of the base. Where a recording starts from
-    what the IMU said, the base is turned back and put on the ground again.
+    Where a window starts from the IMU's orientation, the base is turned back and put on the ground
+    again.
     """
 
     name = "imu_mounting"
@@ -188,7 +188,7 @@ class ImuMounting(_ImuEffect):
 
 
 class ImuDelay(_ImuEffect):
-    """The age of the base's orientation and angular velocity, compared with the encoders.
+    """Age of the base's orientation and angular velocity, compared with the encoders.
 
     `longest` sizes the memory.
     """
@@ -213,7 +213,7 @@ class ImuDelay(_ImuEffect):
 
 
 class GyroBias(_ImuEffect):
-    """A gyro's bias about the base's axes: measured = true + value."""
+    """Bias of a gyro about the base's axes: measured = true + value."""
 
     name = "gyro_bias"
     unit = "rad/s"
@@ -228,7 +228,7 @@ class GyroBias(_ImuEffect):
 
 
 class GyroScale(_ImuEffect):
-    """A gyro whose scale is wrong: measured = true times value."""
+    """Scale error of a gyro: measured = true * value."""
 
     name = "gyro_scale"
     unit = ""

@@ -34,10 +34,10 @@ class _Dense(BoundEffect):
 
 
 class LinkMass(FieldEffect):
-    """The mass of a body, at its centre of mass.
+    """Mass of a body, at its centre of mass.
 
-    Its inertia tensor stays (`inertia: kept`, what a load near the centre does), or follows in
-    proportion (`scaled`, another density).
+    Its inertia stays (`inertia: kept`, a load near the centre) or follows in proportion (`scaled`,
+    another density).
 
     Args:
         inertia: `kept` or `scaled`.
@@ -86,7 +86,7 @@ class LinkMass(FieldEffect):
 
 
 class LinkInertia(FieldEffect):
-    """The inertia of a body about its centre of mass, as a factor; its mass stays."""
+    """Inertia of a body about its centre of mass, as a factor; its mass stays."""
 
     name = "link_inertia"
     place = "body"
@@ -168,9 +168,9 @@ class _Shift(BoundEffect):
 
 
 class CenterOfMass(Effect):
-    """A shift of a body's centre of mass from the body's origin towards its child joint.
+    """Shift of a body's centre of mass towards its child joint, or a leaf's farthest geom or site.
 
-    A leaf: towards its farthest geom or site. The inertia about the centre of mass stays.
+    The inertia about the centre of mass stays.
     """
 
     name = "center_of_mass"
@@ -255,7 +255,7 @@ def quaternions(matrices: np.ndarray) -> np.ndarray:
 
 
 class Payload(Effect):
-    """A point mass at a body's far end: its child joint, or a leaf's farthest geom or site."""
+    """Point mass at a body's far end: its child joint, or a leaf's farthest geom or site."""
 
     name = "payload"
     moves_mass = True
@@ -299,7 +299,7 @@ class _Tilt(BoundEffect):
 
 
 class GravityTilt(Effect):
-    """A base that is not level: turned about its x axis, then about its new y axis."""
+    """Tilt of the base: a rotation about its x axis, then about its new y axis."""
 
     name = "gravity_tilt"
     engines = BOTH

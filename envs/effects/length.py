@@ -124,10 +124,10 @@ def sizes(
 
 
 class LinkLength(Effect):
-    """The length of a link from its joint to its far end, as a factor; its mass stays.
+    """Length of a link from its joint to its far end, as a factor; its mass stays.
 
-    Centre of mass, inertia, shapes and the joints of child bodies follow, as if the link were
-    stretched. Balls keep their size. No diagnosis looks for it: drawings say how long links are.
+    Centre of mass, inertia, shapes and child joints follow as if the link were stretched. Diagnoses
+    do not try it.
     """
 
     name = "link_length"

@@ -113,10 +113,9 @@ class SamplingDelay(Measurement):
 
 
 class ObservationDelay(Effect):
-    """The age of the measured positions and speeds.
+    """Age of the measured positions and speeds.
 
-    Between control steps the positions are interpolated by cubics that fit the speeds too.
-    `longest` sizes the memory.
+    Positions between control steps are interpolated by cubics. `longest` sizes the memory.
     """
 
     name = "observation_delay"

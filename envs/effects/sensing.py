@@ -89,9 +89,8 @@ class _Offset(_JointSensor, CommandRule):
 class EncoderOffset(_SensorEffect):
     """A wrong zero: measured = true + value.
 
-    A servo closes its loop on the same encoder: its goals have the same wrong zero, so that it
-    settles at goal - value while its readings look right. `servo=0` leaves the loop alone, as if
-    only the log were shifted.
+    The servo controls the same wrong reading, so it settles at goal - value while its readings look
+    right. With `servo=0` only the log is shifted.
     """
 
     name = "encoder_offset"
@@ -180,7 +179,7 @@ class _Noise(_JointSensor):
 
 
 class SensorNoise(_SensorEffect):
-    """White Gaussian noise on each reading of the position; the value is its standard deviation."""
+    """White Gaussian noise of each position reading; the value is its standard deviation."""
 
     name = "sensor_noise"
     engines = BOTH
@@ -202,7 +201,7 @@ class _Rounding(_JointSensor):
 
 
 class Quantization(_SensorEffect):
-    """The encoder's resolution: the smallest step between two readings of the position."""
+    """Resolution of the encoder: the smallest step between two position readings."""
 
     name = "quantization"
     engines = BOTH
@@ -242,10 +241,7 @@ class _Filter(_JointSensor):
 
 
 class VelocityFilter(_SensorEffect):
-    """A first-order low-pass on the speed that a servo reports; the value is its time constant.
-
-    Exact for speeds that change linearly between control steps.
-    """
+    """A first-order low-pass of the speed that a servo reports; the value is its time constant."""
 
     name = "velocity_filter"
     engines = BOTH

@@ -285,10 +285,10 @@ class _DeadZone(SubstepRule):
 
 
 class DeadZone(ActuatorEffect):
-    """The error that a servo ignores: the proportional part of its law is off below it.
+    """Position error that a servo ignores: its proportional term is zero below it.
 
-    Beyond it the whole law acts at once (`punch` 1), or the error counts from the zone's edge on
-    (`punch` 0), as it does outside the compliance margin of older servos.
+    Beyond it the whole error counts (`punch` 1), or only the excess (`punch` 0, as in older
+    servos).
     """
 
     name = "dead_zone"

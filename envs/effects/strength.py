@@ -50,11 +50,9 @@ class LawScale(BoundEffect):
 
 
 class MotorStrength(ActuatorEffect):
-    """A factor on the motor's torque and on its limit, after the control law.
+    """A factor on the motor's torque, its limit and its back-EMF; the no-load speed stays.
 
-    The actuator's own damping, its back-EMF, is scaled too: it is torque of the same motor. The
-    no-load speed stays. With `braking: kept` it is not: what a supply does to all motors, done to
-    one, such as a voltage lost in its cable or a limit on its duty.
+    With `braking: kept` the back-EMF stays, as with a voltage drop in one servo's cable.
 
     Args:
         braking: of the back-EMF: `scaled` or `kept`.

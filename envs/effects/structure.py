@@ -285,7 +285,7 @@ class _Play(Series):
 
 
 class Backlash(SeriesEffect):
-    """Play: the link is free within value / 2 on both sides of the motor's angle.
+    """Play: the link moves freely within ± value / 2 of the motor's angle.
 
     `side` is where the servo's encoder sits, `encoder` where the log's does, if elsewhere.
     """
@@ -349,10 +349,8 @@ class Spring(Series):
 class JointCompliance(SeriesEffect):
     """A spring between motor and link: deflection = torque * value.
 
-    `side` is where the servo's encoder sits, `encoder` where the log's does, if elsewhere.
-
-    Values that the explicit integration cannot carry act as the smallest one that it can (time
-    step² over a quarter of the reduced inertia of rotor and link).
+    `side` is where the servo's encoder sits, `encoder` where the log's does, if elsewhere. Springs
+    that are too stiff for the time step act as the stiffest possible one.
     """
 
     name = "joint_compliance"

@@ -29,7 +29,7 @@ Drive = Literal["voltage", "current"]
 
 
 class SupplyVoltage(Effect):
-    """The supply, as a factor on the torque-speed limit: stall torque and no-load speed.
+    """Supply voltage, as a factor on stall torque and no-load speed.
 
     Args:
         how: `scale`.
@@ -168,9 +168,9 @@ class _Sag(_Weakening):
 
 
 class SupplySag(Effect):
-    """A supply whose voltage drops under current: V = V0 - value * sum of |torque| / kt.
+    """Supply voltage that drops under load: V = V0 - value * sum of |torque| / kt.
 
-    The torques are those of the substep before.
+    Torques are those of the previous substep.
     """
 
     name = "supply_sag"
@@ -257,11 +257,11 @@ class _Derating(_Weakening):
 
 
 class ThermalDerating(ActuatorEffect):
-    """A motor that weakens as it heats, by a factor 1 - value E on all its torque.
+    """A motor that weakens as it heats: all its torque is scaled by 1 - value E.
 
-    Law, limit and back-EMF alike, since all go through the winding whose resistance rises. Where a
-    loop sets the current and the firmware takes it away, the damping is not part of it: it brakes
-    as before and makes no heat (`braking` 1). dE/dt = torque² - decay E, with E = 0 at a reset.
+    dE/dt = torque² - decay E, with E = 0 at reset. The factor applies to the control torque, its
+    limit and the back-EMF; with `braking` 1 the back-EMF stays, as in a loop that controls the
+    current.
     """
 
     name = "thermal_derating"

@@ -42,7 +42,7 @@ class _SurfaceEffect(_ContactEffect):
 
 
 class SurfaceFriction(_SurfaceEffect, FieldEffect):
-    """Sliding friction coefficient of a geom's own surface.
+    """Sliding friction coefficient of a geom's surface.
 
     Args:
         where: the geom; None for all whose priority is above 0, with one value.
@@ -111,10 +111,10 @@ class _Bounce(BoundEffect):
 
 
 class Restitution(_SurfaceEffect):
-    """The speed after over that before a bounce on a geom; its contacts' stiffness stays.
+    """Speed after a bounce on a geom, relative to the speed before; contact stiffness stays.
 
-    The engine has no such coefficient: the contact's damping is set to what makes it, which is true
-    where the timestep resolves the contact, and gravity is small compared with its forces.
+    The contact's damping is set accordingly. That is accurate if the time step resolves the
+    contact.
 
     Args:
         where: the geom; None for all whose priority is above 0, with one value.

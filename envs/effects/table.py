@@ -28,25 +28,23 @@ plant = Plant(spec, fixed=load_effects("effects.yaml"))             # as a diagn
 ```
 
 * **where** is the name of a joint, actuator, body or geom, or for some effects a pattern such as
-  `hip_*`. Without it, one value holds for all driven joints or all actuators.
+  `hip_*`. Without it, one value holds for all driven joints or actuators.
 * **how** is `add`, `scale` or `set`; the first one listed is the default.
 * **Neutral** values (0 added, factor 1, the model's own) leave a simulation bit for bit as it is
   without the effect; `backlash` and `joint_compliance`, which add a joint, to rounding.
 * **Extras** are constants, or parameters if listed in `free`.
-* **Several effects** at one place apply in the order given, fixed ones first. The same effect, once
-  fixed and once drawn, is allowed if it adds or scales.
+* **Several effects** at one location apply in the order given, fixed ones first.
 
 Your own: [Extend](../../how-to/extend.md#an-effect).
 
 ## Order within a control step
 
-1. The command arrives: `packet_loss`, then the shift by a servo's `encoder_offset`.
-2. Before each physics step: profiles, feedback through play or a spring on the link's side,
-   `dead_zone`, `supply_sag`, `thermal_derating`, friction, applied torques (`cogging`). Sums of
-   torques and currents are those of the previous physics step.
-3. `command_delay` is the engine's delay line.
-4. After the step, the sensors: on the motor's side of play or a spring, `observation_delay`,
-   `encoder_offset`, `sensor_noise`, `quantization`; speeds are filtered (`velocity_filter`).
+1. The command arrives: `packet_loss`, then a servo's `encoder_offset`; `command_delay` is the
+   engine's delay line.
+2. Before each physics step: profiles, feedback through play or springs, `dead_zone`,
+   `supply_sag`, `thermal_derating`, friction, `cogging`.
+3. After the step, the sensors: `observation_delay`, `encoder_offset`, `sensor_noise`,
+   `quantization`, `velocity_filter`.
 """
 PLACES = {
     "joint": "Joints",

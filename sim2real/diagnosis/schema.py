@@ -40,17 +40,17 @@ ClosedLoopVerdict = Literal["within_floor", "nearer", "as_far", "farther", "apar
 
 @dataclass(frozen=True)
 class GapMetrics:
-    """How far simulation and robot are apart, root mean square over joints and held-out rows.
+    """Error of the simulation: root mean square over joints and held-out rows.
 
     Args:
-        unit: the unit of before, after and noise_floor: rad or m; "spread" where a robot has both
-            kinds of joints (1 is the spread of a joint's own motion).
+        unit: rad or m; "spread" if the robot has both kinds of joints (1: the spread of a joint's
+            motion).
         before: the gap with the model as given.
-        after: the gap with the causes in the model; None where there is no gap.
-        noise_floor: what nothing can close.
-        closed: share of the closable gap that is closed; None where there is no gap.
+        after: the gap with the causes in the model; None if there is no gap.
+        noise_floor: the part of the gap that is sensor noise.
+        closed: fraction of the closable gap that is closed; None if there is no gap.
         closed_ci: its 90 % interval, by a block bootstrap.
-        held_out: whether all of this was measured on segments that no parameter was fitted to.
+        held_out: whether the segments were held out from every fit.
     """
 
     unit: str
@@ -64,13 +64,13 @@ class GapMetrics:
 
 @dataclass(frozen=True)
 class WholeReplay:
-    """What `run=replay` says of the same logs: root mean square over all joints and rows.
+    """Error of `sim2real replay` on the same logs: root mean square over all joints and rows.
 
     Whole episodes from their starts, nothing held out or left out; [rad], of slides [m].
 
     Args:
-        before: the error with the model as given; None where it diverges in a whole episode.
-        after: the error with `effects.yaml`; None where it diverges or there are no causes.
+        before: the error with the model as given; None if it diverges.
+        after: the error with `effects.yaml`; None if it diverges or there are no causes.
     """
 
     before: float | None
@@ -79,7 +79,7 @@ class WholeReplay:
 
 @dataclass(frozen=True)
 class Regime:
-    """A kind of moment, such as `reversal` or `hold`, and its share of a joint's gap."""
+    """A kind of motion, such as `reversal` or `hold`, and its fraction of a joint's gap."""
 
     name: str
     share: float
@@ -87,7 +87,7 @@ class Regime:
 
 @dataclass(frozen=True)
 class JointGap:
-    """A joint's share of the gap, its error [rad or m] before and after, and where it lies."""
+    """A joint's fraction of the gap, its error [rad or m] before and after, and by regime."""
 
     joint: str
     share: float
@@ -102,9 +102,9 @@ class Equivalent:
 
     Args:
         effect: its standard name.
-        where: its place.
-        inseparable: whether no recording of commands and positions can tell it from the cause or
-            from another equivalent: both then count as one member of the set.
+        where: its location.
+        inseparable: whether no recording of commands and positions can distinguish it from the
+            cause or another equivalent.
         kind: see `Cause`.
     """
 
@@ -120,24 +120,22 @@ class Cause:
 
     Args:
         effect: its standard name.
-        where: joint, actuator or geom; for a body effect the joint that moves the body; None for
-            the whole robot.
-        side: for backlash and compliance, the side on which the servo's and the log's encoder sits.
-        value: the value in `unit`; the first one of an effect with several.
+        where: joint, actuator or geom; for a body effect the joint that moves the body; None: the
+            whole robot.
+        side: for backlash and compliance, the side of the servo's and the log's encoder.
+        value: the value in `unit`; the first of several.
         value_ci: its 90 % interval.
         unit: SI, "" for a factor.
-        extra: the effect's further scalars, and `body` where the effect acts on one.
-        confidence: probability that this effect, or an equivalent of it, is at this place.
-        closed: share of the closable gap that it closes, among all causes (their Shapley value).
-        form: `contradicted` where it helps some held-out parts and harms others.
+        extra: further scalars of the effect, and the `body` that it acts on.
+        confidence: probability that this effect, or an equivalent, is at this location.
+        closed: fraction of the closable gap that it closes, among all causes (Shapley value).
+        form: `contradicted` if it helps some held-out parts and harms others.
         equivalent: effects that the data cannot distinguish from it, at most two separable ones.
-        shared: whether one value holds for all joints or actuators of the robot.
-        encoder: where the log's encoder sits, if elsewhere than the servo's; None: where `side`
-            says.
-        kind: what it is a change of: the robot, its log, the world around it. Only those of the
-            robot are effects, and stand in `effects.yaml`.
-        seconds: when it acts, of an episode; None: throughout.
-        remedy: what mends the log; None where it is right.
+        shared: whether one value holds for all joints or actuators.
+        encoder: side of the log's encoder if it differs from `side`; otherwise None.
+        kind: `robot` (an effect, written to `effects.yaml`), `log` or `world`.
+        seconds: when it acts in an episode; None: throughout.
+        remedy: how to fix the log; None for other kinds.
     """
 
     effect: str
@@ -160,7 +158,7 @@ class Cause:
 
 @dataclass(frozen=True)
 class Unexplained:
-    """The share of the closable gap that stays, and what it looks like ("none": like noise)."""
+    """Fraction of the closable gap that is left, and its structure ("none": like noise)."""
 
     share: float
     structure: str
@@ -168,7 +166,7 @@ class Unexplained:
 
 @dataclass(frozen=True)
 class Finding:
-    """A mistake found before any physics was blamed, and its remedy."""
+    """A finding of the preflight, and its remedy."""
 
     check: str
     where: str | None
@@ -178,7 +176,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number and its 90 % interval, over draws of episodes."""
+    """A number and its 90 % interval, by subsampling of episodes."""
 
     value: float
     ci: Pair
@@ -186,14 +184,14 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Distance:
-    """How far what the robot measured while its policy ran is from what simulators show.
+    """Distance between the robot's measurements in closed loop and a simulator's.
 
     Args:
         measure: `sliced_wasserstein` (in deviations of each channel) or `mmd`.
         floor: between two halves of the robot's own episodes.
-        nominal: between the robot and the simulator that the policy was trained in.
-        corrected: between the robot and that simulator with the effects; None without any.
-        nearer: nominal less corrected; None without effects.
+        nominal: between the robot and the training simulator.
+        corrected: between the robot and that simulator with the effects; None without effects.
+        nearer: nominal minus corrected; None without effects.
     """
 
     measure: str
@@ -205,7 +203,7 @@ class Distance:
 
 @dataclass(frozen=True)
 class Returns:
-    """What the policy's task paid an episode, on the robot and in both simulators."""
+    """Mean return of an episode, on the robot and in both simulators."""
 
     robot: Estimate
     nominal: Estimate
@@ -214,19 +212,18 @@ class Returns:
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """The policy in the simulator as given and in the corrected one, against the robot.
+    """The policy on the robot, in the simulator as given and in the corrected simulator.
 
     Args:
         policy: its file.
-        channels: what is compared, by column; `gravity.<site>` stands for an orientation.
-        episodes: of the robot.
+        channels: columns that are compared; `gravity.<site>` stands for an orientation.
+        episodes: episodes of the robot.
         simulated: episodes in each simulator.
-        verdict: `within_floor`: the last simulator that played is as near to the robot as the robot
-            is to itself, or nearly so (`negligible`); `nearer`, `as_far`, `farther`: the corrected
-            one than the one as given; `apart`: there are no effects, and the one as given is beyond
-            the floor. All by the first distance.
+        verdict: by the first distance. `within_floor`: as close to the robot as the robot to
+            itself; `nearer`, `as_far`, `farther`: the corrected simulator, compared with the one as
+            given; `apart`: no effects, and beyond the floor.
         distances: sliced Wasserstein, then maximum mean discrepancy.
-        returns: None where the log does not tell what the robot was paid.
+        returns: None if the log lacks what the reward needs.
     """
 
     policy: str
@@ -244,20 +241,20 @@ class Report:
 
     Args:
         verdict: `no_gap`, `explained`, `partly_explained`, `fitted` or `unexplained`.
-        gap: its size before and after.
-        where: joints, the largest share first.
-        causes: the effects found, the one that closes most first.
-        unexplained: what stays.
-        preflight: mistakes found before.
-        numerics: what the simulator itself was tested for, and "ok" or what was found.
-        next_experiment: what to record to separate equivalent causes.
+        gap: size of the gap, before and after.
+        where: joints, the largest fraction first.
+        causes: causes, the one that closes most first.
+        unexplained: what is left.
+        preflight: findings of the preflight.
+        numerics: numerical tests of the simulator: "ok", or the result.
+        next_experiment: recording that separates equivalent causes.
         failed: what could not be added after the verdict, and why.
-        fitted: values that make the simulator follow and are no causes: more than four.
-        calibrated: the exam that `confidence` was calibrated on; None: on none.
-        seconds: that it took.
-        replay: what `run=replay` says of the same logs; None in reports of older versions.
-        closed_loop: the policy in the corrected simulator; None where no policy wrote the logs.
-        evidence: what the pictures need; not in `report.json`.
+        fitted: more than four values, which are not causes (schema 2).
+        calibrated: exam that `confidence` was calibrated on; None: none.
+        seconds: duration of the diagnosis.
+        replay: `sim2real replay` of the same logs; None in older reports.
+        closed_loop: the policy in both simulators; None if no policy wrote the logs.
+        evidence: data of the plots; not in `report.json`.
     """
 
     verdict: Verdict
