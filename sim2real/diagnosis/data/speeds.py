@@ -9,7 +9,7 @@ coefficients the polynomial is a Bayesian linear regression (Rasmussen and Willi
 2.1): slow motion is averaged as by a line, and fast motion is followed.
 """
 
-from math import comb
+from math import comb, factorial
 
 import mujoco
 import numpy as np
@@ -18,6 +18,7 @@ from sim2real.diagnosis.settings import TINY
 
 NEAR = 2  # rows on either side that the polynomial is fitted to
 AROUND = 50  # rows on either side that show how large accelerations and jerks are
+MOVING = 2, 3  # orders of differences: acceleration and jerk
 NOISY = 4  # order of differences that are noise's
 QUATERNION = 4
 
@@ -45,7 +46,7 @@ def speed_at(
     near = slice(max(row - NEAR, 0), row + NEAR + 1)
     since = (time[near] - time[row]) / step
     readings = _relative(np.broadcast_to(values[row], values[near].shape), values[near])
-    terms = np.stack([np.ones_like(since), since, since**2 / 2, since**3 / 6], axis=1)
+    terms = np.stack([since**k / factorial(k) for k in range(NOISY)], axis=1)
     free = np.zeros_like(noise)
     prior = np.stack([free, free, *((noise + TINY**2) / (own + TINY**2) for own in scales)], axis=1)
     inverse = np.linalg.inv(terms.T @ terms + prior[:, None] * np.eye(prior.shape[1]))
@@ -56,11 +57,11 @@ def speed_at(
 
 def _variances(moved: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the variances of noise, acceleration and jerk, (V,) each, of steps (n, V)."""
-    squares = [_mean_square(np.diff(moved, order - 1, axis=0)) for order in (2, 3, NOISY)]
+    squares = [_mean_square(np.diff(moved, order - 1, axis=0)) for order in (*MOVING, NOISY)]
     noise = squares[-1] / comb(2 * NOISY, NOISY)
     second, third = (
         np.maximum(own - comb(2 * order, order) * noise, 0.0)
-        for order, own in zip((2, 3), squares[:-1], strict=True)
+        for order, own in zip(MOVING, squares[:-1], strict=True)
     )
     return noise, second, third
 
