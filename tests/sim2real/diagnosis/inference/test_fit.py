@@ -60,6 +60,30 @@ def test_two_values_are_found_together(case: Case) -> None:
     assert fit.total > given.total + 1000
 
 
+def test_a_fit_that_cannot_reach_the_best_at_its_pace_goes_no_further(
+    case: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is not stepped as often as the one that goes on, which is what it is by itself."""
+    stepped: list[str] = []
+    own = Fitter._step
+
+    def step(fitter: Fitter, states: list) -> list:
+        stepped.extend(state.hypothesis.label for state in states)
+        return own(fitter, states)
+
+    monkeypatch.setattr(Fitter, "_step", step)
+    labels = "coulomb_friction.b", "viscous_friction.b"
+    both = case.options[labels[0]], case.options["command_delay"]
+    good = Start(Hypothesis(both), np.array([[0.02, 0.05]]))
+    poor = Start(Hypothesis((case.options["viscous_friction.a"],)), np.array([[1e-3]]))
+    (alone,) = case.fitter.fit([good])
+    stepped.clear()
+    fits = case.fitter.fit([good, poor])
+    counts = [stepped.count(start.hypothesis.label) for start in (good, poor)]
+    assert 1 <= counts[1] < counts[0]
+    np.testing.assert_allclose(fits[0].values, alone.values)
+
+
 def test_the_score_is_of_held_out_windows(case: Case) -> None:
     """It is that of each window under the values and the discrepancy of the other fold."""
     start = Start(Hypothesis((case.options["coulomb_friction.b"],)), np.array([[0.1]]))

@@ -1,5 +1,6 @@
 """A push that no command tells: where, when and how hard."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from envs.plant import Plant
 from envs.replay import rollout
 from hardware.log import Log
+from sim2real.diagnosis.inference.fit import Fit, Fitter
 from sim2real.diagnosis.inference.judge import Judge
 from sim2real.diagnosis.inference.pushes import Push, find_pushes
 from tests.sim2real.diagnosis import arm
@@ -45,6 +47,26 @@ def test_no_push_is_no_evidence(tmp_path: Path) -> None:
     log = arm.make_log(("coulomb_friction", {"where": "b"}, 0.12), noise=NOISE)
     judge = Judge(arm.data_of(log, tmp_path))
     assert find_pushes(judge.fitter, judge.given, judge.excess(judge.given)) == ()
+
+
+def test_a_push_that_holds_little_of_the_gap_is_not_looked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What an explanation leaves has to be worth a cause: a share of the gap that was given."""
+    judge = Judge(arm.data_of(pushed(TORQUE), tmp_path))
+    asked: list[float] = []
+
+    def find(fitter: Fitter, fit: Fit, left: np.ndarray) -> tuple:
+        asked.append(float(left.sum()))
+        return ()
+
+    monkeypatch.setattr("sim2real.diagnosis.inference.judge.find_pushes", find)
+    judge._find_pushes(judge.given)  # all of the gap is left
+    assert asked == [judge.excess(judge.given).sum()]
+    small = replace(judge.given, held=judge.given.held / 3)
+    assert 0 < judge.excess(small).sum() < judge.excess(judge.given).sum() / 9
+    judge._find_pushes(small)
+    assert len(asked) == 1
 
 
 def test_a_push_acts_within_its_moments_alone(tmp_path: Path) -> None:

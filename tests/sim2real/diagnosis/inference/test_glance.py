@@ -1,0 +1,49 @@
+"""A quicker look: in longer time steps, less what these change of the model as given."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim2real.diagnosis.inference.candidates import candidates
+from sim2real.diagnosis.inference.glance import NONE
+from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.inference.judge import Judge
+from sim2real.diagnosis.inference.replayer import Job
+from tests.sim2real.diagnosis import arm
+
+
+@pytest.fixture(scope="module")
+def judge(tmp_path_factory: pytest.TempPathFactory) -> Judge:
+    """Return the judge of an arm whose second joint rubs."""
+    log = arm.make_log(("coulomb_friction", {"where": "b"}, 0.12), noise=3e-4)
+    folder: Path = tmp_path_factory.mktemp("arm")
+    return Judge(arm.data_of(log, folder))
+
+
+def test_the_model_as_given_is_as_it_is_in_its_own_steps(judge: Judge) -> None:
+    """In every window of the glance."""
+    glance = judge.glance.replayer
+    (seen,) = glance.replay([Job(NONE, np.zeros((len(glance.every), 0)), glance.every)])
+    starts = [(window.log, window.start) for window in judge.data.windows]
+    chosen = [starts.index((window.log, window.start)) for window in glance.data.windows]
+    np.testing.assert_allclose(seen.error, judge.given.own[chosen], atol=1e-12)
+    assert glance.data.models[0].opt.timestep > judge.data.models[0].opt.timestep
+
+
+def test_springs_and_play_take_shorter_steps_than_the_rest(judge: Judge) -> None:
+    """Their swing is faster than the robot's: what they change is that of the finer model."""
+    glance, options = judge.glance.replayer, {c.label: c for c in candidates(judge.data)}
+    assert glance.finer is not None
+    times = [one.data.models[0].opt.timestep for one in (glance, glance.finer)]
+    assert times[1] <= times[0] / 2
+    spring = next(one for label, one in options.items() if label.startswith("joint_compliance.b"))
+    jobs = [
+        Job(Hypothesis((one,)), np.tile(one.probes[0], (len(glance.every), 1)), glance.every)
+        for one in (spring, options["coulomb_friction.b"])
+    ]
+    both = glance.replay(jobs)
+    (fine,) = glance.finer.replay(jobs[:1])
+    np.testing.assert_array_equal(both[0].error, fine.error)
+    (other,) = glance.finer.replay(jobs[1:])
+    assert np.abs(other.error - both[1].error).max() > 0
