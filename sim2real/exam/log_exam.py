@@ -14,6 +14,7 @@ The robots are emulated ones; in some of them an effect is hidden as well. Rules
 
 import json
 import logging
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -183,7 +184,10 @@ def names(cause: Mapping[str, Any], mistake: Mistake, joints: Sequence[str]) -> 
         return False
     if cause["effect"] != mistake.kind:  # an equivalent is the mistake: its size is unknown
         return True
-    return abs(cause["value"] - mistake.value) <= NEAR * abs(mistake.value)
+    value = cause["value"]
+    if mistake.kind == "row_shift":  # a late command is an early reading: no log says which
+        value = math.copysign(value, mistake.value)
+    return abs(value - mistake.value) <= NEAR * abs(mistake.value)
 
 
 def _plain(log: Log) -> Log:
