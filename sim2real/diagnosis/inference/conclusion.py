@@ -17,7 +17,7 @@ from sim2real.diagnosis.inference.distance import compute_separation, is_told_ap
 from sim2real.diagnosis.inference.fit import Fit
 from sim2real.diagnosis.inference.hypotheses import Member, get_effect, get_kind
 from sim2real.diagnosis.inference.intervals import compute_intervals
-from sim2real.diagnosis.inference.judgement import Judgement
+from sim2real.diagnosis.inference.judge import Judgement
 from sim2real.diagnosis.inference.log_change import LogChange
 from sim2real.diagnosis.inference.pushes import Pushed
 from sim2real.diagnosis.inference.remainder import describe_remainder

@@ -83,6 +83,11 @@ class Hypothesis:
         return tuple(m for m in self.members if isinstance(m, LogChange))
 
     @property
+    def mended(self) -> frozenset[str]:
+        """The labels of these."""
+        return frozenset(change.label for change in self.changes)
+
+    @property
     def mistakes(self) -> int:
         """How many of its members are mistakes of the log."""
         return sum(get_kind(member) == "log" for member in self.members)

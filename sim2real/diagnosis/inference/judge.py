@@ -14,6 +14,8 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,11 +31,10 @@ from sim2real.diagnosis.inference.decision import (
 )
 from sim2real.diagnosis.inference.distance import stands_alone
 from sim2real.diagnosis.inference.episodes import follows_episodes
-from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
+from sim2real.diagnosis.inference.fit import Fit, Start
 from sim2real.diagnosis.inference.glance import HALVES, NONE, make_glance
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
-from sim2real.diagnosis.inference.judgement import Judgement, Left
-from sim2real.diagnosis.inference.likelihood import HALF, Basis, Likelihood
+from sim2real.diagnosis.inference.likelihood import HALF, Basis
 from sim2real.diagnosis.inference.moves import (
     is_part,
     list_simpler,
@@ -53,13 +54,49 @@ from sim2real.diagnosis.inference.screen import (
     pick_starts,
     trace_lines,
 )
-from sim2real.diagnosis.inference.unknowns import compute_unknowns
+from sim2real.diagnosis.inference.unknowns import make_fitter
 from sim2real.diagnosis.inference.vocabulary import Vocabulary
 from sim2real.diagnosis.schema import Verdict
 
 NULLS = ("each joint stays", "each joint keeps its measured speed")
 SHARES = (0.05, 0.3, 0.5, 0.6, 0.7)  # of the work that is done, by the members that are known
 SURE = 4.0  # noises or counts that an error of noise alone does not reach
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What the judge says.
+
+    Args:
+        verdict: see `decision`.
+        best: the explanation; the model as given where there is none.
+        given: the model as given.
+        nulls: the null explanations by name.
+        rivals: other explanations that were fitted to the end, the best first.
+        left: what a free discrepancy still gains over one of a count [nats a reading].
+        pushes: torques that act for a moment and hold most of what is left.
+        probability: of the best and of each rival, (1 + n,).
+        unknown: probability of a law that is not in the vocabulary.
+        judge: who said so.
+    """
+
+    verdict: Verdict
+    best: Fit
+    given: Fit
+    nulls: dict[str, Fit]
+    rivals: tuple[Fit, ...]
+    left: Gain
+    pushes: tuple[Pushed, ...]
+    probability: np.ndarray
+    unknown: float
+    judge: Judge
+
+
+class Left(NamedTuple):
+    """What a free discrepancy gains over one of at most a count."""
+
+    gain: Gain  # nats a reading, but for a few windows: contact and sticking make errors jump
+    whole: float  # upper bound with those windows
 
 
 class Judge:
@@ -87,9 +124,8 @@ class Judge:
         self.replayer = Replayer(data, *self._rest)
         self.fold = deal_folds(data.windows)
         self.bootstrap = Bootstrap(data.windows, rng or np.random.default_rng(0), self.settings)
-        self.rows = self.replayer.compared
-        self.readings = self.rows * len(self.replayer.noise)
-        noise = self.replayer.noise
+        noise, self.rows = self.replayer.noise, self.replayer.compared
+        self.readings = self.rows * len(noise)
         self.most = np.maximum(self.replayer.count, noise) / noise  # a count, in noises
         self.choices = 1  # changes that the vocabulary has
         self.basis: Basis | None = None
@@ -171,22 +207,12 @@ class Judge:
         Returns:
             Its errors, and what is unknown around them; see `unknowns`.
         """
-        self.fitter, *found = self._fitter(hypothesis, values)
-        (self.given,) = self.fitter.fit([Start(NONE, np.zeros((1, 0)))])
+        self.fitter, *found = make_fitter(self.replayer, self.fold, hypothesis, values, self.basis)
+        self.basis = self.fitter.likelihood.basis
+        self.given = self.fitter.fit([Start(NONE, np.zeros((1, 0)))])[0]
         paths = (self.replayer.holding(), self.replayer.coasting())
         self.nulls = {n: self.fitter.of_path(e) for n, e in zip(NULLS, paths, strict=True)}
         return found
-
-    def _fitter(
-        self, hypothesis: Hypothesis, values: np.ndarray
-    ) -> tuple[Fitter, np.ndarray, np.ndarray, np.ndarray]:
-        """Return what fits with the unknowns under a hypothesis, and these; see `_look`."""
-        replayer = self.replayer
-        found = compute_unknowns(replayer, hypothesis, values[self.fold])
-        rows = replayer.times, replayer.used, replayer.noise
-        likelihood = Likelihood(*rows, *found[1:], self.settings, self.basis)
-        self.basis = likelihood.basis
-        return Fitter(replayer, likelihood, self.fold), *found
 
     def _refine(self, best: Fit, starts: Sequence[Start], tried: dict[str, Fit]) -> bool:
         """Fit what promises most with the best into what was tried; pairs if no change does.
@@ -341,7 +367,7 @@ class Judge:
         fits = self.fitter.fit(map(restart, finalists), rounds=self.settings.glances)
         refitted = {fit.label: self._judge_apart(fit, best) for fit in [self.given, *fits]}
         found = self._prune(refitted)
-        if _mends(found) == _mends(best):
+        if found.hypothesis.mended == best.hypothesis.mended:
             return found, refitted
         if self.bootstrap.gain(found.score - refitted[best.label].score).low > 0:
             return self._refit(found, tried)
@@ -352,21 +378,16 @@ class Judge:
 
         Windows of another log start elsewhere: what is unknown of one start says nothing of both.
         """
-        if _mends(fit) == _mends(best):
+        if fit.hypothesis.mended == best.hypothesis.mended:
             return fit
-        (own,) = self._fitter(fit.hypothesis, fit.values)[0].fit([restart(fit)], rounds=0)
-        return own
+        known = fit.hypothesis, fit.values, self.basis
+        return make_fitter(self.replayer, self.fold, *known)[0].fit([restart(fit)], rounds=0)[0]
 
     def _closes(self, fit: Fit) -> float:
         """Return by what share a fit shortens errors, in noises of a reading."""
         noise = self.replayer.noise
         before, after = (np.sqrt(np.square(f.held / noise).sum()) for f in (self.given, fit))
         return float(1 - after / before)
-
-
-def _mends(fit: Fit) -> set[str]:
-    """Return the labels of what a fit changes of the log."""
-    return {change.label for change in fit.hypothesis.changes}
 
 
 def _is_better(fit: Fit, tried: Mapping[str, Fit]) -> bool:

@@ -21,8 +21,7 @@ from sim2real.diagnosis.data.progress import Moving
 from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.inference.baseline import Baseline
 from sim2real.diagnosis.inference.conclusion import Conclusion, effects_of, make_conclusion
-from sim2real.diagnosis.inference.judge import Judge
-from sim2real.diagnosis.inference.judgement import Judgement
+from sim2real.diagnosis.inference.judge import Judge, Judgement
 from sim2real.diagnosis.inference.log_changes import MOST
 from sim2real.diagnosis.inference.replayer import skip_beginnings
 from sim2real.diagnosis.inference.vocabulary import Vocabulary

@@ -10,7 +10,9 @@ nothing: starts are then taken to move on freely, and no error of a parameter co
 import numpy as np
 
 from sim2real.diagnosis.data.noise_floor import rounding
+from sim2real.diagnosis.inference.fit import Fitter
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.inference.likelihood import Basis, Likelihood
 from sim2real.diagnosis.inference.replayer import Job, Replayer
 
 
@@ -37,6 +39,28 @@ def compute_unknowns(
     local = np.concatenate([starts, clock, replayer.estimated], axis=-1)
     common = _principal(replayer, replayer.usual(hypothesis, values))
     return base.error, cap_directions(replayer, local), cap_directions(replayer, common)
+
+
+def make_fitter(
+    replayer: Replayer,
+    fold: np.ndarray,
+    hypothesis: Hypothesis,
+    values: np.ndarray,
+    basis: Basis | None = None,
+) -> tuple[Fitter, np.ndarray, np.ndarray, np.ndarray]:
+    """Return what fits with the unknowns under a hypothesis, and these; see `compute_unknowns`.
+
+    Args:
+        replayer: of the windows.
+        fold: of each window, (W,).
+        hypothesis: the model.
+        values: fitted to each fold, (2, P).
+        basis: of the windows' rows; None: it is computed.
+    """
+    base, local, common = compute_unknowns(replayer, hypothesis, values[fold])
+    rows = replayer.times, replayer.used, replayer.noise
+    likelihood = Likelihood(*rows, local, common, replayer.settings, basis)
+    return Fitter(replayer, likelihood, fold), base, local, common
 
 
 def is_lost(replayer: Replayer, errors: np.ndarray) -> bool:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from hardware.log import Log
-from sim2real.diagnosis.inference.judge import Judge
-from sim2real.diagnosis.inference.judgement import Judgement
+from sim2real.diagnosis.inference.judge import Judge, Judgement
 from sim2real.diagnosis.inference.log_changes import list_log_changes
 from sim2real.diagnosis.inference.vocabulary import Vocabulary
 from tests.sim2real.diagnosis import arm
