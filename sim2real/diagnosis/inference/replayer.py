@@ -30,8 +30,7 @@ from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.usual import list_usual
 from sim2real.diagnosis.settings import TINY
 
-MENDED = 64  # mended logs that are kept
-ROWS = 4000  # windows that are replayed in one call
+MENDED = 32  # mended logs that are kept
 
 Key = tuple[tuple[str, ...], bytes]
 
@@ -127,6 +126,12 @@ class Replayer:
         """How many rows are compared, of each joint."""
         return int(self.used.sum())
 
+    @property
+    def _together(self) -> int:
+        """How many windows are replayed in one call, by the memory of their errors."""
+        size = self.data.mask.shape[1] * len(self.noise) * self.noise.itemsize
+        return max(int(self.data.settings.simulation.batch_bytes / size), 1)
+
     def replay(self, jobs: Sequence[Job]) -> list[Replay]:
         """Return what each job comes to; jobs share batches, those with changed logs theirs."""
         if self.finer is None:
@@ -138,19 +143,13 @@ class Replayer:
 
     def _replay(self, jobs: Sequence[Job]) -> list[Replay]:
         found = [self._blank(len(job.windows)) for job in jobs]
-        plain = [_Ask(n, job.windows, job.values, None) for n, job in enumerate(jobs)]
-        plain = [ask for ask in plain if not jobs[ask.job].hypothesis.changes]
-        mended = [
-            ask
-            for n, job in enumerate(jobs)
-            if job.hypothesis.changes
-            for ask in self._asks(n, job)
-        ]
-        for asks in (plain, mended):
-            ends = np.cumsum([len(ask.windows) for ask in asks]) // ROWS
+        changed = [bool(job.hypothesis.changes) for job in jobs]
+        for mended in (False, True):
+            own = [number for number, other in enumerate(changed) if other == mended]
+            ends = np.cumsum([len(jobs[number].windows) for number in own]) // self._together
             for part in np.unique(ends):
-                own = [ask for ask, end in zip(asks, ends, strict=True) if end == part]
-                self._fill(found, jobs, own)
+                some = [number for number, end in zip(own, ends, strict=True) if end == part]
+                self._fill(found, jobs, [ask for n in some for ask in self._asks(n, jobs[n])])
         return found
 
     def _fill(self, found: list[Replay], jobs: Sequence[Job], asks: Sequence[_Ask]) -> None:
@@ -179,6 +178,8 @@ class Replayer:
 
     def _asks(self, number: int, job: Job) -> list[_Ask]:
         """Return the rows of a job by how their log is mended."""
+        if not job.hypothesis.changes:
+            return [_Ask(number, job.windows, job.values, None)]
         count = sum(len(member.neutral) for member in job.hypothesis.effects)
         effects, changes = job.values[:, :count], job.values[:, count:]
         _, first, group = np.unique(changes, axis=0, return_index=True, return_inverse=True)
