@@ -13,7 +13,7 @@ import numpy as np
 
 NEEDLESS = mujoco.mjtDisableBit.mjDSBL_CONTACT, mujoco.mjtDisableBit.mjDSBL_ISLAND
 POINT = 1e-3  # m: radius of what stands for a mesh
-FROM_GEOMS = 1  # `inertiafromgeom="true"`: geoms give bodies their mass, whatever these say
+FROM_GEOMS = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE  # whatever bodies say
 
 
 def lean(spec: mujoco.MjSpec) -> mujoco.MjSpec:
@@ -76,5 +76,5 @@ def _drop_meshes(spec: mujoco.MjSpec) -> None:
 
 def _weighs(geom: mujoco.MjsGeom, spec: mujoco.MjSpec) -> bool:
     """Return whether a geom may give its body mass."""
-    said = geom.parent.explicitinertial and int(spec.compiler.inertiafromgeom) != FROM_GEOMS
+    said = geom.parent.explicitinertial and spec.compiler.inertiafromgeom != FROM_GEOMS
     return not said and geom.mass != 0 and geom.density != 0
