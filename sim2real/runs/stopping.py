@@ -71,5 +71,6 @@ def spare_children() -> None:
     Signals that a thread blocks are blocked in its children. Another thread takes this one, and
     Python runs its handler in the main thread all the same ("signal", on threads).
     """
+    resource_tracker.ensure_running()  # which lets Ctrl-C through again as it starts
     threading.Thread(target=threading.Event().wait, name="takes Ctrl-C", daemon=True).start()
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
