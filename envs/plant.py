@@ -24,7 +24,8 @@ Contracts:
 
 from collections.abc import Callable, Sequence
 from operator import attrgetter
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
+from weakref import proxy
 
 import mujoco
 import numpy as np
@@ -35,6 +36,7 @@ from envs.effects.bound import BoundEffect, CommandRule, Measurement, SubstepRul
 from envs.effects.goal import Goal
 from envs.effects.history import CommandHistory
 from envs.effects.layout import Layout, edited
+from envs.effects.plant_view import PlantView
 from envs.effects.registry import refuse_elsewhere
 from envs.errors import EffectError, TaskError
 from envs.memory import check_memory, row_bytes, share_memory
@@ -136,19 +138,22 @@ class Plant:
         self._fields: dict[str, np.ndarray] = {}
         self._substeps = Substeps(num_rows, self.physics)
         self._shared: dict[str, Any] = {}  # mechanisms that several effects are parts of
-        self._bound = [effect.bind(self) for effect in every]
+        view = cast(
+            PlantView, proxy(self)
+        )  # models are large: none waits for the garbage collector
+        self._bound = [effect.bind(view) for effect in every]
         ends = np.cumsum([len(parameters) for parameters in drawn], dtype=int)
         columns = [slice(end - len(p), end) for end, p in zip(ends, drawn, strict=True)]
         self._fixed = list(zip(self._bound, constants, strict=False))
         self._drawn = list(zip(self._bound[len(fixed) :], columns, strict=True))
-        self._collect(every)
+        self._collect(every, view)
 
         self.params = self.space.points(num_rows)  # (N, P), the values in force
         self._set(np.arange(num_rows), self.params)
 
-    def _collect(self, effects: Sequence[Effect]) -> None:
+    def _collect(self, effects: Sequence[Effect], view: PlantView) -> None:
         """Sort what is bound by what it does."""
-        history = [CommandHistory(self)] if self.model.nhistory else []
+        history = [CommandHistory(view)] if self.model.nhistory else []
         parts = [*self._bound, *self._shared.values(), *history]
         parts.sort(key=lambda part: part.order)
         self._parts = list({id(part): part for part in parts}.values())

@@ -63,3 +63,14 @@ def holding_interrupts() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def spare_children() -> None:
+    """Let Ctrl-C from now on reach this process alone, and none that it starts.
+
+    Signals that a thread blocks are blocked in its children. Another thread takes this one, and
+    Python runs its handler in the main thread all the same ("signal", on threads).
+    """
+    resource_tracker.ensure_running()  # which lets Ctrl-C through again as it starts
+    threading.Thread(target=threading.Event().wait, name="takes Ctrl-C", daemon=True).start()
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

@@ -67,8 +67,10 @@ class mjtGeom(_Enum):
     mjGEOM_ELLIPSOID: mjtGeom
     mjGEOM_CYLINDER: mjtGeom
     mjGEOM_BOX: mjtGeom
+    mjGEOM_MESH: mjtGeom
 
 class mjtInertiaFromGeom(_Enum):
+    mjINERTIAFROMGEOM_TRUE: mjtInertiaFromGeom
     mjINERTIAFROMGEOM_AUTO: mjtInertiaFromGeom
 
 class mjtIntegrator(_Enum):
@@ -101,6 +103,9 @@ class mjtObj(_Enum):
 
 class mjtProjection(_Enum):
     mjPROJ_PERSPECTIVE: mjtProjection
+
+class mjtOrientation(_Enum):
+    mjORIENTATION_QUAT: mjtOrientation
 
 class mjtRndFlag(_Enum):
     mjRND_SHADOW: mjtRndFlag

@@ -16,6 +16,7 @@ from mujoco._enums import (
     mjtLimited,
     mjtMark,
     mjtMeshInertia,
+    mjtOrientation,
     mjtSensor,
     mjtSleepPolicy,
     mjtTexture,
@@ -396,6 +397,8 @@ class MjsFrame(_Element):
     scale: _Floats
 
 class MjsGeom(_Element):
+    @property
+    def alt(self) -> MjsOrientation: ...
     conaffinity: _Int
     contype: _Int
     density: _Float
@@ -411,9 +414,13 @@ class MjsGeom(_Element):
     def parent(self) -> MjsBody: ...
     pos: _Floats
     priority: _Int
+    quat: _Floats
     size: _Floats
     solref: _Floats
     type: _Field[mjtGeom, Int]
+
+class MjsOrientation:
+    type: _Field[mjtOrientation, Int]
 
 class MjsJoint(_Element):
     actfrclimited: _Field[mjtLimited, Int]

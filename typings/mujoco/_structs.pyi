@@ -91,6 +91,7 @@ class MjModel:
     geom_conaffinity: _Ints
     geom_condim: _Ints
     geom_contype: _Ints
+    geom_fluid: _Floats
     geom_friction: _Floats
     geom_group: _Ints
     geom_margin: _Floats

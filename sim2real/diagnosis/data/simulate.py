@@ -63,6 +63,20 @@ class Run(NamedTuple):
     values: np.ndarray  # (R, P)
 
 
+class _Lean(NamedTuple):
+    """A model as it is simulated."""
+
+    spec: mujoco.MjSpec
+    model: mujoco.MjModel
+    stepped: dict[tuple[Any, ...], bool]  # by structure of effects: whether Python steps it
+
+    @staticmethod
+    def of(spec: mujoco.MjSpec) -> _Lean:
+        """Return a model without what cannot change its motions."""
+        made = lean(spec)
+        return _Lean(made, made.copy().compile(), {})
+
+
 class _Plan(NamedTuple):
     """What a window needs of the simulation."""
 
@@ -86,6 +100,7 @@ class Simulator:
         threads: the number of threads of the physics, and of processes; 0 for all cores.
         on_run: called after each run, for the progress.
         work: counts what is simulated; None: by itself.
+        models: of the data, as what is simulated; None: they are made.
     """
 
     def __init__(
@@ -95,6 +110,7 @@ class Simulator:
         threads: int = 0,
         on_run: Callable[[], None] = lambda: None,
         work: Work | None = None,
+        models: Sequence[_Lean] | None = None,
     ) -> None:
         self.data, self.fixed, self.threads, self.on_run = data, tuple(fixed), threads, on_run
         self.settings = data.settings.simulation
@@ -103,17 +119,15 @@ class Simulator:
         self.work = Work() if work is None else work
         self._plants: OrderedDict[tuple[Any, ...], Plant] = OrderedDict()
         self._parents: OrderedDict[tuple[Any, ...], Plant] | None = None  # in a helping process
-        self._specs = [lean(spec) for spec in data.specs]
-        self._models = [spec.copy().compile() for spec in self._specs]
-        self._stepped: dict[tuple[Any, ...], bool] = {}  # by structure: whether Python steps it
+        self._models = [_Lean.of(spec) for spec in data.specs] if models is None else models
         self._length = data.mask.shape[1]
         self._plans = [self._plan(window) for window in data.windows]
         self._places = np.array([joint.qpos for joint in data.joints])
         self._spread = np.array([joint.spread for joint in data.joints])
 
     def of(self, data: Data) -> Simulator:
-        """Return a simulator of other windows with the same effects, cores and count of work."""
-        return Simulator(data, self.fixed, self.threads, self.on_run, self.work)
+        """Return a simulator of other windows of the same models, effects, cores and work."""
+        return Simulator(data, self.fixed, self.threads, self.on_run, self.work, self._models)
 
     def _plan(self, window: Window) -> _Plan:
         dt = self.data.models[window.model].opt.timestep
@@ -208,11 +222,10 @@ class Simulator:
             return True
         for effect in effects or (None,):
             own = () if effect is None else (effect,)
-            key = (model, *map(key_of, own))
-            if key not in self._stepped:
-                plant = self._make(model, own, 1, 1)
-                self._stepped[key] = bool(plant.substep_rules)
-            if self._stepped[key]:
+            key, known = tuple(map(key_of, own)), self._models[model].stepped
+            if key not in known:
+                known[key] = bool(self._make(model, own, 1, 1).substep_rules)
+            if known[key]:
                 return True
         return False
 
@@ -234,13 +247,22 @@ class Simulator:
         threads = 1 if alone else self.threads
         plant = self._make(model, effects, rows, threads)
         self._plants[key] = plant
-        if len(self._plants) > self.settings.plants:
+        while len(self._plants) > 1 and not self._has_room():
             self._plants.popitem(last=False)
         return plant
 
+    def _has_room(self) -> bool:
+        """Return whether the plants that are kept ready are few, and small.
+
+        Each has its model, the engine's own, and one for each thread where effects write fields.
+        """
+        copies, limits = 2 + (self.threads or cores()), self.settings
+        taken = copies * sum(mujoco.mj_sizeModel(own.model) for own in self._plants.values())
+        return len(self._plants) <= limits.plants and taken <= limits.plants_bytes
+
     def _make(self, model: int, effects: Sequence[Effect], rows: int, threads: int) -> Plant:
-        spec, own = self._specs[model], self._models[model]
-        return Plant(spec, effects, rows, threads, fixed=self.fixed, nominal=own)
+        own = self._models[model]
+        return Plant(own.spec, effects, rows, threads, fixed=self.fixed, nominal=own.model)
 
     def _paths(
         self, number: int, strengths: np.ndarray

@@ -21,7 +21,7 @@ from envs.effects.base import PLAIN, RULES
 from envs.errors import EnvsError, did_you_mean
 from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.data.lean import untextured
+from sim2real.diagnosis.data.lean import undrawn
 from sim2real.diagnosis.inference.probes import probes_of, robot_scale
 from sim2real.runs.errors import Sim2RealError
 
@@ -136,7 +136,7 @@ def candidates(
         Sim2RealError: an unknown name to exclude.
     """
     check_names(exclude)
-    scale, spec = robot_scale(data, fixed), untextured(data.specs[0])
+    scale, spec = robot_scale(data, fixed), undrawn(data.specs[0])
     found = []
     for name, effect in EFFECTS.items():
         if effect.visible_in_replay and name not in exclude:

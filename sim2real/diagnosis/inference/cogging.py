@@ -18,6 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from envs.effects.places import joint_driven
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.inference.candidates import Candidate
 from sim2real.diagnosis.settings import TINY
@@ -144,7 +145,7 @@ def _stiffness(joint: str, data: Data) -> float | None:
     model, least = data.models[0], data.settings.cogging.stiffness_min
     place = model.joint(joint).id
     for i in range(model.nactuator):
-        if int(model.actuator_trnid[i, 0]) == place:
+        if joint_driven(model, i) and int(model.actuator_trnid[i, 0]) == place:
             gear, held = float(model.actuator_gear[i, 0]), float(-model.actuator_biasprm[i, 1])
             return max(held * gear * gear, least) if held else None
     return None

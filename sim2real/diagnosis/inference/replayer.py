@@ -105,7 +105,7 @@ class Replayer:
         self.estimated = np.zeros((*self.rows.shape, len(self.noise), 0))  # (W, N, M, D) of starts
         if data.nuisance is not None:
             self.estimated = self._look(data.nuisance.directions(), self.every)
-        self._plain = Simulator(self.data, self.fixed, on_run=on_run, work=self.work)
+        self.plain = Simulator(self.data, self.fixed, on_run=on_run, work=self.work)
         self._mended: dict[Key, _Mended] = {}
 
     def part(self, windows: np.ndarray, data: Data | None = None) -> Replayer:
@@ -155,7 +155,7 @@ class Replayer:
     def _fill(self, found: list[Replay], jobs: Sequence[Job], asks: Sequence[_Ask]) -> None:
         """Replay what is asked for in one call, into the results of its jobs."""
         logs = list({ask.log.key: ask.log for ask in asks if ask.log is not None}.values())
-        simulator = _stacked(self, logs) if logs else self._plain
+        simulator = _stacked(self, logs) if logs else self.plain
         place = {log.key: number * len(self.every) for number, log in enumerate(logs)}
         rows = [
             Rows(
@@ -199,7 +199,7 @@ class Replayer:
         found = np.zeros((*self.data.mask.shape, len(self.noise)))
         lost = np.full(len(self.every), np.inf)
         for ask in self._asks(0, Job(hypothesis, values, self.every)):
-            simulator = _stacked(self, [ask.log]) if ask.log else self._plain
+            simulator = _stacked(self, [ask.log]) if ask.log else self.plain
             (made,) = simulate_each(
                 simulator, [Rows(hypothesis.effects, ask.windows, ask.values)], remember=False
             )
@@ -294,10 +294,10 @@ class Replayer:
         sizes = noise[:, joint] * self.data.scale[joint]
         shift = _speeded if of_speed else further
         for ask in self._asks(0, Job(hypothesis, values, self.every)):
-            data = (_stacked(self, [ask.log]) if ask.log else self._plain).data
+            data = (_stacked(self, [ask.log]) if ask.log else self.plain).data
             pairs = zip(data.windows, np.resize(sizes, len(data.windows)), strict=True)
             windows = [shift(data, window, joint, float(size)) for window, size in pairs]
-            other = self._plain.of(replace(data, windows=tuple(windows)))
+            other = self.plain.of(replace(data, windows=tuple(windows)))
             rows = [Rows(hypothesis.effects, ask.windows, ask.values)]
             (made,) = simulate_each(other, rows, remember=False)
             found[ask.rows] = self._look(made.error, ask.windows)
@@ -357,7 +357,7 @@ def _stacked(replayer: Replayer, logs: Sequence[_Mended]) -> Simulator:
         mask=np.tile(data.mask, (len(logs), 1)),
         measured=np.concatenate([log.measured for log in logs]),
     )
-    return Simulator(mended, replayer.fixed, on_run=replayer.on_run, work=replayer.work)
+    return replayer.plain.of(mended)
 
 
 def skip_beginnings(data: Data, rows: int) -> Data:

@@ -17,7 +17,7 @@ from envs.effects.plant_view import PlantView
 from envs.effects.scale import RobotScale
 from envs.params import How, Parameter
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.data.lean import untextured
+from sim2real.diagnosis.data.lean import undrawn
 from sim2real.diagnosis.inference.candidates import Candidate, candidate_of
 from sim2real.diagnosis.inference.probes import robot_scale
 
@@ -70,7 +70,7 @@ class GravityCompensation(Effect):
 
 def list_world_changes(data: Data) -> list[Candidate]:
     """Return what may differ around the robot."""
-    scale, spec = robot_scale(data), untextured(data.specs[0])
+    scale, spec = robot_scale(data), undrawn(data.specs[0])
     tilt = candidate_of("gravity_tilt", {}, spec, scale)
     effect = GravityCompensation()
     (parameter,) = effect.parameters(scale.model)

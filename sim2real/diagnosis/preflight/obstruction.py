@@ -98,8 +98,9 @@ def _held(logs: Sequence[Log], servo: _Servo, settings: Limits) -> list[np.ndarr
     ]
     if min(usual) <= 0:
         return none
+    far = settings.error * (usual[1] + settings.still)  # a joint that rests may be off by that
     held = [
-        rest & (current > settings.current * usual[0]) & (error > settings.error * usual[1])
+        rest & (current > settings.current * usual[0]) & (error > far)
         for rest, (_, current), error in zip(rests, known, errors, strict=True)
     ]
     least = settings.shortest_s

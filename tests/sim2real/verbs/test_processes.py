@@ -195,8 +195,9 @@ def test_no_verb_of_the_hardware_leaves_a_process_behind(verb: str, folder: Path
     [
         (*TRAIN, "collector=processes", "iterations=100000"),
         (*EXAM, "exam.longest=600"),
+        (*COMMANDS["train sweep of two at a time"], "iterations=100000"),
     ],
-    ids=["collector", "exam"],
+    ids=["collector", "exam", "sweep"],
 )
 def test_ctrl_c_leaves_no_process_behind(words: tuple[str, ...], folder: Path) -> None:
     """Of commands that have processes of their own: it ends all of them, without a traceback."""

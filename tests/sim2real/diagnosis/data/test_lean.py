@@ -6,7 +6,7 @@ import pytest
 from mujoco.batch import Batch
 
 from hardware.config import load_robot
-from sim2real.diagnosis.data.lean import NEEDLESS, lean, may_touch, untextured
+from sim2real.diagnosis.data.lean import NEEDLESS, lean, may_touch, undrawn
 from tests.sim2real.diagnosis import arm
 
 
@@ -56,8 +56,41 @@ def test_what_may_touch_is_left_alone() -> None:
 def test_textures_go_and_nothing_that_moves(robot: str) -> None:
     """All numbers of the physics stay as they are, and the given spec keeps its textures."""
     spec = mujoco.MjSpec.from_file(str(load_robot(robot).model))
-    made, given = untextured(spec).compile(), spec.copy().compile()
+    made, given = undrawn(spec).compile(), spec.copy().compile()
     assert given.ntex and not made.ntex and made.nmat == given.nmat
     fields = ("body_mass", "body_inertia", "geom_friction", "dof_armature", "actuator_gainprm")
     for name in (*fields, "geom_matid", "key_qpos"):
         assert np.array_equal(getattr(made, name), getattr(given, name)), name
+
+
+SHAPES = """<mujoco><asset><mesh name="shell" vertex="{}"/><mesh name="foot" vertex="{}"/></asset>
+<worldbody><geom name="floor" type="plane" size="1 1 1"/><body pos="0 0 .3">
+<joint name="a" type="slide" axis="0 0 1"/><joint name="b" axis="0 1 0"/>
+<inertial pos="0 0 0" mass="0.5" diaginertia="1e-3 1e-3 1e-3"/>
+<geom name="shell" type="mesh" mesh="shell" pos="0 0 .1" euler="0 30 0" contype="0"
+conaffinity="0"/>
+<geom name="foot" type="mesh" mesh="foot" pos=".02 0 -.1"/>
+<body pos=".2 0 0"><joint name="c" axis="0 1 0"/>
+<geom name="arm" type="mesh" mesh="shell" contype="0" conaffinity="0"/></body>
+</body></worldbody><actuator><motor joint="b" gear="0.01"/><motor joint="c" gear="0.01"/></actuator>
+</mujoco>"""
+CUBE = " ".join(f"{x} {y} {z}" for x in (0, 0.1) for y in (0, 0.05) for z in (0, 0.03))
+
+
+def test_meshes_that_touch_and_weigh_nothing_are_points() -> None:
+    """In their place, by their name; a foot's stays, and that of a body without an inertia."""
+    spec = mujoco.MjSpec.from_string(SHAPES.format(CUBE, CUBE))
+    for text, left in ((None, 2), ('<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>', 1)):
+        if text is not None:
+            whole = SHAPES.replace('<joint name="c" axis="0 1 0"/>', f'{text}<joint name="c"/>')
+            spec = mujoco.MjSpec.from_string(whole.format(CUBE, CUBE))
+        given, made = spec.copy().compile(), lean(spec)
+        simulated = made.copy().compile()
+        assert simulated.nmesh == left
+        shell = given.geom("shell").id
+        assert int(simulated.geom("shell").type[0]) == int(mujoco.mjtGeom.mjGEOM_SPHERE)
+        for name in ("geom_pos", "geom_quat", "geom_bodyid"):
+            assert np.array_equal(getattr(simulated, name)[shell], getattr(given, name)[shell])
+        assert simulated.geom("foot").type == given.geom("foot").type
+        assert np.array_equal(path_of(made), path_of(spec.copy()))
+        assert spec.meshes[0].name == "shell"

@@ -43,3 +43,16 @@ def test_the_error_of_a_joint_that_nothing_holds_shows_them_too(
     monkeypatch.setattr(arm, "XML", xml.replace("armature", 'damping="0.03" armature'))
     hidden = {"where": "b", "count": ripples, "phase": 1.1}
     seen(arm.make_log(("cogging", hidden, 0.01), seconds=16.0), tmp_path, ripples, 0.01)
+
+
+def test_an_actuator_at_a_site_is_no_servo_of_the_joint_of_its_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A ripple is as large as the joint's own servo is stiff."""
+    log = arm.make_log(("cogging", {"where": "b", "count": 17.0, "phase": 1.1}, 0.12))
+    law = 'gear="1 0 0 0 0 0" gainprm="0" biastype="affine" biasprm="0 -4000 0"'
+    xml = arm.XML.replace("</worldbody>", '<site name="s"/><site name="b"/></worldbody>')
+    monkeypatch.setattr(
+        arm, "XML", xml.replace("<actuator>", f'<actuator><general name="push" site="b" {law}/>')
+    )
+    seen(log, tmp_path, 17.0, 0.12)

@@ -50,6 +50,17 @@ def test_what_is_not_sure_is_left_alone() -> None:
         assert same is log and not findings
 
 
+def test_a_free_horn_a_few_counts_off_is_not_held() -> None:
+    """Its usual error is a count, and its usual current a digit: three of either are no sign."""
+    log = log_of(current=False)
+    count, ctrl = 2 * np.pi / 4096, log.column("ctrl.hinge")
+    counts = np.where(log.time > 76, 3.0, 1.0)
+    columns = {"qpos.hinge": ctrl - counts * count, "current.hinge": counts**2}
+    horn = Log({**log.columns, **columns}, log.meta, None)
+    (same,), findings = mark_blocked([horn], DRIVEN)
+    assert same is horn and not findings
+
+
 def test_flagged_rows_are_not_compared() -> None:
     """Those that the log flags itself are kept out, too."""
     log = log_of()
