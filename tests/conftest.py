@@ -72,6 +72,11 @@ def _no_folder_stays_in_use() -> Iterator[None]:
         os.environ.pop(extensions.VARIABLE, None)
 
 
+def pytest_collection_finish() -> None:
+    """Let the garbage collector pass over what all tests import."""
+    gc.freeze()
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip a test whose machine, robot or library is not there."""
     if item.get_closest_marker("gpu"):
