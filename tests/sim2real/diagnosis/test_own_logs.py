@@ -121,7 +121,7 @@ def at_leisure(name: str) -> Any:
     return pytest.param(name, marks=() if name in QUICK else pytest.mark.slow)
 
 
-@pytest.mark.parametrize("name", map(at_leisure, MODELS))
+@pytest.mark.parametrize("name", [at_leisure(name) for name in MODELS])
 def test_a_models_own_log_has_no_gap(name: str, tmp_path: Path) -> None:
     """Replayed whole it is off by a count; in windows that start anywhere nothing is missing."""
     parts, size = MODELS[name]
