@@ -35,7 +35,7 @@ from envs.rows import Step
 from envs.torch_env import RowsEnv
 from sim2real.learning.context import ContextSpec, set_assumed_context
 from sim2real.learning.environment import EnvironmentFactory
-from sim2real.learning.modules.acting import Acting, Actor
+from sim2real.learning.modules.acting import Actor
 from sim2real.learning.modules.randomness import TorchRandomStream, drawn
 from sim2real.learning.modules.value import Critic
 from sim2real.learning.population.rollout import EpisodeResults, Watch, run_episodes
@@ -183,24 +183,6 @@ class TrainedPolicy:
         message = "TrainedPolicy.pilot is now controller; the old name goes in 0.3"
         warnings.warn(message, DeprecationWarning, stacklevel=2)
         return self.controller(*args, **kwargs)
-
-
-def from_module(module: nn.Module, environment: EnvironmentFactory, frames: int) -> TrainedPolicy:
-    """Return a deterministic torch module of raw observations, on the CPU, as a trained policy."""
-    module = module.cpu().eval()
-
-    def program(theta: np.ndarray) -> nn.Module:
-        return with_parameters(module, theta)
-
-    return TrainedPolicy(
-        flatten_parameters(module),
-        lambda theta: Acting(program(theta)),
-        environment,
-        {},
-        frames,
-        program=program,
-        dtype=torch.float64,
-    )
 
 
 def from_actor(

@@ -32,6 +32,8 @@ from tests.hardware.rig import in_real_time
 
 ROW, NO_VALUES = np.arange(1), np.zeros((1, 0))
 SEED = np.array([3], np.uint64)
+LEG = pytest.param(Hopper2, "hopper2", marks=pytest.mark.slow)
+TWELVE = pytest.param(Quad12, "quad12", marks=pytest.mark.slow)
 
 
 def loopback(name: str = "bench1", *faults: Fault, settle: float = 0.3, **changes) -> ServoBackend:
@@ -111,14 +113,7 @@ def test_observations_are_those_of_the_twin(task, name, far):
     np.testing.assert_allclose(here[:, exact], np.array(there)[:, exact], atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("task", "name"),
-    [
-        (Hopper2, "hopper2"),
-        (Quad8, "quad8"),
-        pytest.param(Quad12, "quad12", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize(("task", "name"), [(Hopper2, "hopper2"), (Quad8, "quad8"), TWELVE])
 def test_an_episode_starts_where_its_simulation_starts(task, name):
     """Servos that sag do so once: the legs rest within 5 counts of where simulated ones do."""
     rows, made = RobotRows(task(), loopback(name, settle=1.0)), task()
@@ -132,10 +127,7 @@ def test_an_episode_starts_where_its_simulation_starts(task, name):
     np.testing.assert_allclose(seen[angles], wanted[angles], atol=5 * COUNT)
 
 
-@pytest.mark.parametrize(
-    ("task", "name"),
-    [(Bench1, "bench1"), (Hopper2, "hopper2"), (Quad8, "quad8"), (Quad12, "quad12")],
-)
+@pytest.mark.parametrize(("task", "name"), [(Bench1, "bench1"), (Quad8, "quad8"), LEG, TWELVE])
 def test_readings_are_as_old_as_the_file_says(task, name, monkeypatch):
     """From what a servo measured to the writing of the command: the file's within half a tick.
 

@@ -40,7 +40,7 @@ def test_all_kinds_are_driven():
     driver = make_driver(robot)
     driver.connect()
     driver.configure()
-    plan = excite(robot, np.zeros(1), 24.0, KINDS, np.random.default_rng(2), size=0.5)
+    plan = excite(robot, np.zeros(1), 12.0, KINDS, np.random.default_rng(2), size=0.5)
     with Guard(driver) as guard:
         guard.arm()
         log = record(guard, plan)

@@ -21,7 +21,7 @@ from sim2real.config.inherited import with_checkpoint
 from sim2real.config.targets import ConfigError, build, check, check_named
 
 PROGRAM = """
-import contextlib, io, json, sys
+import contextlib, io, json, sys, tests.conftest
 from sim2real.__main__ import main
 answers = []
 for argv in json.loads(sys.argv[1]):

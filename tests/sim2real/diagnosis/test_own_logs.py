@@ -6,6 +6,7 @@ as well.
 
 import os
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -121,7 +122,15 @@ def write(folder: Path, parts: dict[str, str]) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", MODELS)
+QUICK = ("push at a site", "integrated velocity", "spring", "filter", "dry friction")  # about 2 s
+
+
+def at_leisure(name: str) -> Any:
+    """Return a model as a parameter; those that take long wait for the long suite."""
+    return pytest.param(name, marks=() if name in QUICK else pytest.mark.slow)
+
+
+@pytest.mark.parametrize("name", [at_leisure(name) for name in MODELS])
 def test_a_models_own_log_has_no_gap(name: str, tmp_path: Path) -> None:
     """Replayed whole it is off by a count; in windows that start anywhere nothing is missing."""
     parts, size = MODELS[name]

@@ -21,7 +21,8 @@ from sim2real.config.compose import compose, instantiate
 from sim2real.deployment.export import ExportError, check_parity, export, to_arrays
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.interface import observation_names as names
-from sim2real.learning.trained import TrainedPolicy, from_module
+from sim2real.learning.modules.acting import Acting
+from sim2real.learning.trained import TrainedPolicy, flatten_parameters
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.trained import SMALL_ES, SMALL_PPO, train
 
@@ -59,8 +60,10 @@ def edited(folder: Path, out: Path, **changes: Any) -> Path:
 
 def exportable(module: nn.Module) -> TrainedPolicy:
     """Return a torch module as a trained policy."""
-    made = from_module(module, EnvironmentFactory(partial(MujocoEnv, task=Bench1())), 0)
-    return replace(made, program=lambda theta: module)
+    environment = EnvironmentFactory(partial(MujocoEnv, task=Bench1()))
+    acting, theta = Acting(module), flatten_parameters(module)
+    made = TrainedPolicy(theta, lambda _: acting, environment, {}, 0, dtype=torch.float64)
+    return replace(made, program=lambda _: module)
 
 
 def test_all_three_compute_the_same(folder):
