@@ -22,6 +22,7 @@ from envs.errors import TaskError
 from envs.models import columns_of, load_spec
 from envs.replay import Recording
 from hardware.log import Log, check_names
+from sim2real.diagnosis.data.couplings import follow_couplings
 from sim2real.diagnosis.data.impedance import gear_of, laws_of
 from sim2real.diagnosis.data.speeds import AROUND, speed_at
 from sim2real.diagnosis.data.states import state_of
@@ -119,8 +120,8 @@ def rows_before(log: Log, row: int) -> Columns | None:
 def to_recording(log: Log, model: mujoco.MjModel, before: Columns | None = None) -> Recording:
     """Return rows of an episode in the order of the model's joints and actuators.
 
-    Joints that were not logged start from the keyframe `home`, else from the model's default;
-    actuators without commands hold the keyframe's, else 0.
+    Joints that were not logged start where couplings put them (`couplings`), else from the keyframe
+    `home`, else from the model's default; actuators without commands hold the keyframe's, else 0.
 
     Args:
         log: the rows.
@@ -144,6 +145,7 @@ def to_recording(log: Log, model: mujoco.MjModel, before: Columns | None = None)
             powered[:, i] = log.column(f"torque.{name}") > 0
     (qvel, _), start = start_speeds(log, model, before), log.time[0]
     law, act = laws_of(log, model), state_of(log, model)
+    qpos, qvel = follow_couplings(model, qpos, qvel, positions(log, model).values())
     return Recording(log.time - start, ctrl, qpos, qvel, powered, held, read - start, law, act)
 
 
