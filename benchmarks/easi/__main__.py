@@ -6,10 +6,11 @@
     python -m benchmarks.easi --task quad8 --rows udr oracle easi_200
     python -m benchmarks.easi --report                           # the tables of what there is
 
-For each seed: SAC under uniform randomization, demonstrations of its policy on the target, EASI,
-and SAC under what it found; beside it the target itself, EASI's mean alone, and EASI's final width
-about the prior's mean. With --target all of that is done for another robot (conf/shift),
-of which uniform randomization knows nothing: its policy is the same, and EASI looks twice as far.
+For each seed: a policy under uniform randomization (by SAC; ant and ball_balance by PPO), its
+demonstrations on the target, EASI, and a policy under what it found; beside it the target itself,
+EASI's mean alone, and EASI's final width about the prior's mean. With --target all of that is done
+for another robot (conf/shift), of which uniform randomization knows nothing: its policy is the
+same, and EASI looks twice as far.
 Each run has a folder of its own: what is complete is skipped, what was interrupted is continued.
 Several of these programs may run at once and share the work.
 """

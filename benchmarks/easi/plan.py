@@ -21,6 +21,7 @@ class Study:
     """A task of the study."""
 
     task: type[Task]  # makes it
+    experiment: str  # that trains a policy on it
     model: str  # file of its robot
     params: str  # choice of conf/params: what uniform randomization draws
     # the seed's figures, mean and deviation over runs, by row
@@ -36,6 +37,7 @@ class Study:
 STUDIES: dict[str, Study] = {
     "cartpole": Study(
         CartPole,
+        "easi_cartpole",
         "cartpole.xml",
         "cartpole",
         {
@@ -49,6 +51,7 @@ STUDIES: dict[str, Study] = {
     ),
     "ant": Study(
         EasiAnt,
+        "easi_ant_ppo",
         "easi_ant.xml",
         "easi_ant",
         {
@@ -58,9 +61,11 @@ STUDIES: dict[str, Study] = {
             "easi_100": (703.1, 63.1),
             "easi_200": (724.0, 31.5),
         },
+        ("identify.search.population=100",),  # a third of the published
     ),
     "ball_balance": Study(
         BallBalance,
+        "easi_ball_balance_ppo",
         "ball_balance.xml",
         "ball_balance",
         {
@@ -70,9 +75,11 @@ STUDIES: dict[str, Study] = {
             "easi_100": (428.5, 16.9),
             "easi_200": (393.1, 60.5),
         },
+        ("identify.search.population=100",),  # a third of the published
     ),
     "quad8": Study(  # in the place of the seed's Go2, whose return is another one
         Quad8,
+        "quad8_es",
         "quad8.xml",
         "quad8_servos",
         {

@@ -22,7 +22,7 @@ from sim2real.runs.files import folder_lock, write_text
 
 TARGET, ROBOT, TRIALS = "servos", "quad8", 10
 ROWS = ("udr", "oracle", "easi_1", "easi_50", "easi_100", "easi_200")
-TRAINING = ("+experiment=quad8_es", "eval=none", "video=none", "keep_checkpoints=1")
+TRAINING = ("eval=none", "video=none", "keep_checkpoints=1")
 STOPS = "stops={odd_voltage: 0.4, stray: 2.0}"  # legs that give are no fault
 FRESH = 1000  # added to a seed: demonstrations start otherwise than what is judged
 
@@ -56,6 +56,7 @@ def learned(plan: Plan, name: str, seed: int, robots: list[str]) -> Path | None:
         go_on = [f"resume={folder}"] if trained(folder) else []
         with timed(folder):
             if not sim2real(
+                f"+experiment={plan.study.experiment}",
                 *TRAINING,
                 f"seed={seed}",
                 f"hydra.run.dir={folder}",

@@ -56,7 +56,7 @@ def follow(plan: Plan, row: Row, seed: int) -> bool:
         frames = [] if plan.frames is None else [f"frames={plan.frames}"]
         with timed(folder):
             return sim2real(
-                f"+experiment=easi_{plan.name}",
+                f"+experiment={plan.study.experiment}",
                 f"seed={seed}",
                 "video=none",
                 "keep_checkpoints=1",

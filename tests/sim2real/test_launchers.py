@@ -65,7 +65,7 @@ def one(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(3600)
+@pytest.mark.timeout(14400)
 @pytest.mark.parametrize("launcher", LAUNCHERS)
 def test_a_launchers_workers_give_the_same_tables(one, launcher: str, tmp_path: Path) -> None:
     """Two seeds of a study, of an identification, of an exam: every table, to the byte."""
