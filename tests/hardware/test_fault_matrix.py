@@ -19,8 +19,8 @@ from tests.hardware.fault_matrix import (
 CELLS = pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
 ALLOWED = {
     "": {"off"},
-    "one": {"off, the gone one named", "off"},
-    "all": {"off", "on: said, and said by the next program"},
+    "one": {"off, servo named", "off"},
+    "all": {"off", "on: reported, and again by the next program"},
 }
 
 
