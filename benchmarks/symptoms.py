@@ -17,6 +17,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -35,7 +36,11 @@ PICTURES = ROOT / "docs" / "images" / "symptoms"
 BLOCK = re.compile(r"^```\n(echo .* > (\w+)\.yaml\nsim2real record .* out=(\w+)\n)", re.MULTILINE)
 SPAN = 5.0  # s of a picture
 TEXT = "#808080"  # readable on white and on black
-SVG = {"svg.fonttype": "none", "svg.hashsalt": "symptoms", "path.simplify_threshold": 0.5}
+SVG: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "symptoms",
+    "path.simplify_threshold": 0.5,
+}
 
 
 def examples() -> dict[str, str]:
