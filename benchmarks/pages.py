@@ -124,7 +124,7 @@ def _fields(kind: type) -> Iterator[tuple[str, str, str]]:
     for one in dataclasses.fields(kind):
         if one.name != "evidence":
             of = _kind(str(one.type))
-            meaning = " ".join(about.get(one.name, "–").split())
+            meaning = " ".join(about.get(one.name, "–").split()).replace("None", "`null`")
             yield one.name, of, meaning.rstrip(".")
 
 

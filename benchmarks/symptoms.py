@@ -1,23 +1,23 @@
-"""The pictures of docs/how-to/symptoms.md, each made by the commands that the page prints.
+"""The pictures of docs/how-to/symptoms.md, from recordings that the page's own commands make.
 
-    python -m benchmarks.symptoms                  # records, diagnoses and draws every example
+    python -m benchmarks.symptoms                  # records and draws every example
     python -m benchmarks.symptoms sag late         # these only
 
-An example is a block of the page that ends with `sim2real diagnose NAME/log.csv`. Its lines run in
-`outputs/symptoms`; a report that exists there is not made again. The picture shows the joint and
-the seconds in which the model as given is farthest from the robot: the measured angle, and replays
-of the recorded commands with and without the effects of the diagnosis. The verdict and the causes
-are printed, to compare with the page.
+An example is a block of the page that hides an effect (`echo ... > NAME.yaml`) and records it
+(`out=NAME`). Its lines up to the recording run in `outputs/symptoms`. The picture shows the joint
+and the seconds in which the model as given is farthest from the robot: the measured angle, replays
+of the recorded commands with and without the effect, and the errors of both. The effect is the
+hidden one, which the emulator computes by its own equations: no picture depends on a diagnosis.
 """
 
 import argparse
-import json
 import os
 import re
 import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -28,42 +28,40 @@ from hardware.files import atomic_write
 from hardware.log import read_log
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.replay import Gap, measure
-from sim2real.diagnosis.schema import Report
 from sim2real.runs.figures import AFTER, BEFORE, FLOOR
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "how-to" / "symptoms.md"
 PICTURES = ROOT / "docs" / "images" / "symptoms"
-BLOCK = re.compile(r"^```\n((?:(?!```).*\n)*?sim2real diagnose (\w+)/log\.csv\n)```", re.MULTILINE)
+BLOCK = re.compile(r"^```\n(echo .* > (\w+)\.yaml\nsim2real record .* out=(\w+)\n)", re.MULTILINE)
 SPAN = 5.0  # s of a picture
 TEXT = "#808080"  # readable on white and on black
-SVG = {"svg.fonttype": "none", "svg.hashsalt": "symptoms", "path.simplify_threshold": 0.5}
+SVG: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "symptoms",
+    "path.simplify_threshold": 0.5,
+}
 
 
 def examples() -> dict[str, str]:
     """Return the commands of each example of the page, by the name of its recording."""
-    return {name: block for block, name in BLOCK.findall(PAGE.read_text(encoding="utf-8"))}
+    blocks = BLOCK.findall(PAGE.read_text(encoding="utf-8"))
+    return {name: lines for lines, hidden, name in blocks if hidden == name}
 
 
-def run(name: str, commands: str, work: Path) -> Path:
-    """Run an example's commands; return the folder of its diagnosis."""
-    out = work / f"{name}_diagnosis"
-    if not (out / "report.json").is_file():
+def record(name: str, commands: str, work: Path) -> None:
+    """Run an example's commands in `work`, unless its recording is there."""
+    if not (work / name / "log.csv").is_file():
         path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-        lines = commands.rstrip() + f" out={out.name}"
-        subprocess.run(
-            ["bash", "-ec", lines], cwd=work, env={**os.environ, "PATH": path}, check=True
-        )
-    return out
+        environment = {**os.environ, "PATH": path}
+        subprocess.run(["bash", "-ec", commands], cwd=work, env=environment, check=True)
 
 
-def replays(log_path: Path, diagnosis: Path) -> tuple[Gap, Gap]:
-    """Return a log's replays in the model as given, and with the effects of its diagnosis."""
-    log = read_log(log_path)
+def replays(name: str, work: Path) -> tuple[Gap, Gap]:
+    """Return a recording's replays in the model as given, and with the hidden effect."""
+    log = read_log(work / name / "log.csv")
     spec = load_model(log, None)
-    effects = diagnosis / "effects.yaml"
-    fixed = load_effects(effects) if effects.is_file() else []
-    return measure(log, spec), measure(log, spec, fixed)
+    return measure(log, spec), measure(log, spec, load_effects(work / f"{name}.yaml"))
 
 
 def stretch(gap: Gap) -> tuple[int, slice]:
@@ -77,35 +75,32 @@ def stretch(gap: Gap) -> tuple[int, slice]:
 
 
 def draw(before: Gap, after: Gap, path: Path) -> None:
-    """Draw the measured angle and both replays, readable on a light and on a dark page."""
+    """Draw angle and error of both replays, readable on a light and on a dark page."""
     joint, rows = stretch(before)
     time = before.time[rows] - before.time[rows][0]
+    measured = before.measured[rows, joint]
     with mpl.rc_context({**SVG, "font.size": 9}):
-        picture = Figure(figsize=(6.6, 2.1), layout="constrained")
-        axes = picture.subplots()
-        axes.plot(time, before.measured[rows, joint], color=FLOOR, lw=4, label="measured")
-        axes.plot(time, before.simulated[rows, joint], color=BEFORE, lw=1.4, ls="--", label="model")
-        axes.plot(time, after.simulated[rows, joint], color=AFTER, lw=1.4, label="with the causes")
-        axes.set(xlabel="time (s)", ylabel=f"{before.joints[joint]} (rad)")
-        axes.tick_params(colors=TEXT)
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.spines[["bottom", "left"]].set_color(TEXT)
-        for label in (axes.xaxis.label, axes.yaxis.label):
-            label.set_color(TEXT)
+        picture = Figure(figsize=(6.6, 3.2), layout="constrained")
+        angle, error = picture.subplots(2, 1, sharex=True)
+        angle.plot(time, measured, color=FLOOR, lw=4, label="measured")
+        for gap, colour, dashes, label in (
+            (before, BEFORE, "--", "model as given"),
+            (after, AFTER, "-", "with the effect"),
+        ):
+            simulated = gap.simulated[rows, joint]
+            angle.plot(time, simulated, color=colour, lw=1.4, ls=dashes, label=label)
+            error.plot(time, 1e3 * (simulated - measured), color=colour, lw=1.4, ls=dashes)
+        angle.set_ylabel(f"{before.joints[joint]} (rad)")
+        error.set(xlabel="time (s)", ylabel="error (mrad)")
+        for axes in (angle, error):
+            axes.tick_params(colors=TEXT)
+            axes.spines[["top", "right"]].set_visible(False)
+            axes.spines[["bottom", "left"]].set_color(TEXT)
+            axes.xaxis.label.set_color(TEXT)
+            axes.yaxis.label.set_color(TEXT)
         picture.legend(loc="outside upper center", ncols=3, frameon=False, labelcolor=TEXT)
         with atomic_write(path) as part:
             picture.savefig(part, format="svg", transparent=True, metadata={"Date": None})
-
-
-def answer(diagnosis: Path) -> str:
-    """Return the verdict and the causes with their intervals."""
-    report = Report.from_json(json.loads((diagnosis / "report.json").read_text(encoding="utf-8")))
-    causes = [
-        f"{cause.effect} at {cause.where or 'the robot'} {cause.value:.3g}"
-        f" [{cause.value_ci[0]:.3g}, {cause.value_ci[1]:.3g}] {cause.unit}"
-        for cause in report.causes
-    ]
-    return f"{report.verdict}: {'; '.join(causes) or 'no cause'}"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -118,11 +113,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.error(f"unknown example {', '.join(sorted(unknown))}; known: {', '.join(known)}")
     work = ROOT / "outputs" / "symptoms"
     work.mkdir(parents=True, exist_ok=True)
-    PICTURES.mkdir(parents=True, exist_ok=True)
     for name in names:
-        diagnosis = run(name, known[name], work)
-        draw(*replays(work / name / "log.csv", diagnosis), PICTURES / f"{name}.svg")
-        print(f"{name}: {answer(diagnosis)}", flush=True)
+        record(name, known[name], work)
+        draw(*replays(name, work), PICTURES / f"{name}.svg")
+        print(PICTURES / f"{name}.svg", flush=True)
 
 
 if __name__ == "__main__":

@@ -44,11 +44,11 @@ class Entry:
 
 @dataclass(frozen=True)
 class UnidentifiedDirection:
-    """A direction in which the data say nothing.
+    """A direction of the parameters that the data do not identify.
 
     Args:
         parameters: weight of each parameter in it, the largest first, in widths of the prior.
-        known: how much narrower the estimate is there than the prior, 0 (not at all) to 1.
+        known: reduction of the width from prior to estimate, 0 (none) to 1.
     """
 
     parameters: Mapping[str, float]

@@ -119,9 +119,9 @@ def columns_of(model: mujoco.MjModel, joint: int) -> tuple[list[str], list[str]]
 
 
 def named(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    """Return the spec, unnamed joints called as their bodies, and actuators as what they drive.
+    """Name unnamed joints after their bodies and actuators after what they drive; return the spec.
 
-    A log needs names; a joint of an unnamed body is called by its number.
+    Logs need names. A joint of an unnamed body is named by its number.
     """
     joints = {joint.name for joint in spec.joints}
     for number, joint in enumerate(spec.joints):

@@ -146,7 +146,7 @@ class Randomization:
             keeps its robot.
 
     Raises:
-        EffectError: an effect, or a key of a draw, that is not there.
+        EffectError: unknown effect, or unknown key of a draw.
         ParameterError: an unknown `per`; see also `Draw`.
     """
 

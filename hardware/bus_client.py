@@ -154,7 +154,7 @@ class BusClient:
     def sync_write(self, address: int, values: Mapping[int, bytes]) -> None:
         """Write the same registers of several servos, without acknowledgement.
 
-        A last entry for a servo that is not there shields the others (see the module).
+        A final entry for an absent servo protects the others (see the module).
         """
         size = len(next(iter(values.values())))
         body = struct.pack("<HH", address, size)

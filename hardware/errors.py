@@ -21,7 +21,7 @@ class SerialPortError(HardwareError):
 
 
 class ServoError(HardwareError):
-    """A servo is missing, is another one, or does not do what it is commanded."""
+    """A servo is missing, has the wrong type, or does not follow its commands."""
 
 
 class SafetyError(HardwareError):

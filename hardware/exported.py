@@ -112,10 +112,10 @@ class ExportedPolicy:
         return np.clip(action, self.low, self.high) if self._squash == "clip" else action
 
     def check(self) -> None:
-        """Compute the exported pairs again.
+        """Check the actions of the exported examples.
 
         Raises:
-            PolicyError: an action comes out otherwise.
+            PolicyError: an action differs.
         """
         seen = np.array(self._golden["observation"])
         wanted = np.array(self._golden["action"])

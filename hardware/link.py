@@ -136,12 +136,12 @@ def format_link(link: Mapping[str, Any]) -> str:
 
 
 class LinkMonitor:
-    """Statistics of a run from when this was made.
+    """Statistics of the link since the construction of this object.
 
     Args:
         pace: the deadlines of the run's steps.
-        counters: of each servo, as the driver counts on.
-        score: of the link before the robot was armed.
+        counters: counters of each servo, updated by the driver.
+        score: link score before the robot was armed.
     """
 
     def __init__(

@@ -20,7 +20,7 @@ SUFFIXES = (".yaml", ".yml")  # of a robot that is given by its path
 
 
 def find_robot(name_or_path: str | Path) -> Path:
-    """Return the file of a robot: of a name of conf/robot, or a path that ends in .yaml.
+    """Return the path of a robot's file, from a name in conf/robot or a path ending in .yaml.
 
     Raises:
         RobotError: there is no such robot.

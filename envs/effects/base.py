@@ -294,7 +294,7 @@ class Effect:
         return self.group or self.name
 
     def mjcf_limitation(self) -> str | None:
-        """Return why MJCF cannot say the effect; None where it can."""
+        """Return why MJCF cannot express the effect, or None if it can."""
         return self.no_mjcf
 
     def to_mjcf(self, spec: mujoco.MjSpec, model: mujoco.MjModel, values: Sequence[float]) -> None:

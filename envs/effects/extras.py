@@ -23,7 +23,7 @@ class Extra(NamedTuple):
 
 
 def phase(about: str) -> Extra:
-    """Return the phase [rad] of something that repeats with the position; `about`: what it is."""
+    """Return an extra for the phase [rad] of a periodic effect, described by `about`."""
     turn = 2 * math.pi
     return Extra("phase", "rad", 0.0, -turn, turn, about, fit=(-turn, turn), typical=(-3.2, 3.2))
 

@@ -67,7 +67,7 @@ class NoCreepFriction:
             self._reference = (2 * model.opt.timestep, 1.0)
 
     def hold(self, ids: np.ndarray) -> None:
-        """Let friction stick in the rows ids (n,)."""
+        """Make dry friction stick instead of creep, in the rows `ids` (n,)."""
         if len(self._dofs) and len(ids):
             self._solimp[ids[:, None], self._dofs] = STIFF_SOLIMP
             self._solref[ids[:, None], self._dofs] = self._reference

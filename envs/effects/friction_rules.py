@@ -121,7 +121,7 @@ class StribeckFriction(_RuledFriction):
             0.0,
             0.0,
             0.1,
-            "how far the joint gives way before it breaks away, in all its dry friction; 0: rigid",
+            "elastic displacement of the joint before it breaks away; 0: rigid",
             fit=(0.0, 0.02),
             typical=(0.0, 0.01),
         ),
@@ -131,7 +131,7 @@ class StribeckFriction(_RuledFriction):
             0.1,
             0.0,
             2.0,
-            "how much of critical damping it has until then; 0.5 in the LuGre paper's table I",
+            "damping ratio of the bristles; 0.5 in the LuGre paper's table I",
         ),
     )
     typical = (0.0, 0.15)
@@ -218,7 +218,7 @@ class LoadDependentFriction(_RuledFriction):
             1.0,
             0.0,
             1.0,
-            "the part of the external torque that causes friction",
+            "fraction of the external torque that causes friction",
             fit=(0.0, 1.0),
         ),
     )
@@ -266,8 +266,8 @@ class AsymmetricFriction(_RuledFriction):
     """Additional dry friction in one direction: of positive speeds if the value is positive.
 
     It acts as friction value / 2 in both directions and a constant torque -value / 2, so a
-    preloaded spring looks the same. `rise` is the part of the value by which the mean friction of
-    both directions rises.
+    preloaded spring looks the same. `rise` is the fraction of the value by which the mean friction
+    rises.
     """
 
     name = "asymmetric_friction"
@@ -279,7 +279,7 @@ class AsymmetricFriction(_RuledFriction):
             0.5,
             0.0,
             0.5,
-            "the part of the value by which the mean of both directions is higher",
+            "fraction of the value by which the mean of both directions rises",
             fit=(0.0, 0.5),
         ),
     )

@@ -41,7 +41,7 @@ class HystereticCompliance(SeriesEffect):
             0.02,
             0.0,
             1e3,
-            "the spring's friction: the torque by which its two branches lie off its line",
+            "friction of the spring: half the torque between its two branches",
             fit=(0.0, 1e3),
             typical=(0.0, 0.2),
         ),

@@ -179,7 +179,7 @@ class ImuMounting(_ImuEffect):
     display_name = "mounting of the IMU"
     typical = (-0.1, 0.1)
     comparable = True
-    symptom = "the base is never level, whatever the feet say, and its tilt turns with the robot"
+    symptom = "the measured base is tilted on level ground, and the tilt turns with the robot"
     source = "measured orientation = true orientation times the mounting's rotation"
     experiment = "stand on level ground, then turn the robot round on the spot and stand again"
     first_values = np.concatenate([0.05 * np.eye(len(AXES)), -0.05 * np.eye(len(AXES))])
@@ -220,7 +220,7 @@ class GyroBias(_ImuEffect):
     display_name = "bias of the gyro"
     typical = (-0.1, 0.1)
     comparable = True
-    symptom = "the gyro says that the base turns while the orientation stays"
+    symptom = "the gyro reports a rotation while the orientation is constant"
     source = "w + b; MEMS gyros: up to 0.05 rad/s before calibration, and more with temperature"
     experiment = "log the robot at rest"
     first_values = np.concatenate([0.1 * np.eye(len(AXES)), -0.1 * np.eye(len(AXES))])
@@ -236,8 +236,8 @@ class GyroScale(_ImuEffect):
     hows = ("scale",)
     typical = (0.8, 1.2)
     comparable = True
-    symptom = "the gyro says that the base turns faster or more slowly than its orientation does"
-    source = "s w; a range setting that was mistaken is a factor of 2 or 4, deg/s for rad/s 57"
+    symptom = "the gyro reports faster or slower rotations than the orientation"
+    source = "s w; a wrong range setting is a factor of 2 or 4, deg/s for rad/s 57"
     experiment = "turn the robot by hand through a known angle"
     limits, components = (1e-3, np.inf), ()
     law = _Scale

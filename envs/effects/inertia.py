@@ -185,7 +185,7 @@ class CenterOfMass(Effect):
     comparable = True
     sizes = Sizes("signed", "length", 0.03, 1.2)
     symptom = (
-        "sag that changes with the pose as a change of mass would, while acceleration"
+        "sag that changes with the pose like that of another mass, while acceleration"
         " changes otherwise"
     )
     source = "rigid body; CAD models are off by 5 to 20 %"

@@ -140,7 +140,7 @@ class LinkLength(Effect):
     composes = True
     typical = (0.8, 1.25)
     no_mjcf = "it stretches a whole body; change the body's own element"
-    symptom = "swings are slower and loads heavier, as of a longer lever"
+    symptom = "slower swings and heavier loads, as with a longer lever"
     source = "affine map of the mass: second moments S -> A S A, inertia tr(S) 1 - S"
     experiment = "free swings of the link, whose period tells its length"
     group = PLAIN

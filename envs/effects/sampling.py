@@ -132,7 +132,7 @@ class ObservationDelay(Effect):
     symptom = "the log lags the commands, but the robot is not slower"
     source = "y(t) = q(t - d): return delay, bus turn-round and the USB timer"
     experiment = (
-        "steps from rest next to a second, fast sensor; else the same as command_delay"
+        "steps from rest next to a second, fast sensor; otherwise the same as command_delay"
         " in an open-loop log"
     )
     first_values = (0.003, 0.01, 0.03, 0.07)

@@ -301,7 +301,7 @@ class DeadZone(ActuatorEffect):
             1.0,
             0.0,
             1.0,
-            "the part of the proportional torque at the zone's edge that is there at once",
+            "fraction of the proportional torque that acts at the edge of the zone",
             fit=(0.0, 1.0),
         ),
     )

@@ -275,7 +275,7 @@ class ThermalDerating(ActuatorEffect):
             0.0,
             0.0,
             1.0,
-            "the part of the actuator's damping that is not due to current: heat does not change "
+            "fraction of the actuator's damping that is not due to current: heat does not change "
             "it",
             fit=(0.0, 1.0),
         ),

@@ -64,7 +64,7 @@ class HalfCheetahDirection(Direction, HalfCheetah):
 
 
 class HalfCheetahVelocity(Velocity, HalfCheetah):
-    """A HalfCheetah that runs as fast as it is asked: -|velocity - goal| - 0.05 |action|^2."""
+    """A HalfCheetah with a goal velocity; reward -|velocity - goal| - 0.05 |action|^2."""
 
     effort_cost = 0.05
 

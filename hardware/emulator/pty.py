@@ -83,7 +83,7 @@ def serve(
 
 
 def devices_of(world: EmulatedRobot) -> list[str]:
-    """Return the names of a robot's devices; the only bus has none."""
+    """Return the names of a robot's devices; a single bus has no name."""
     robot = world.robot
     names = [bus.name for bus in robot.buses] or [""]
     return names if robot.imu is None else [*names, IMU]
@@ -130,7 +130,7 @@ def _linked(link: Path | None, device: str) -> Iterator[None]:
 
 
 class Line:
-    """The near end of one pseudo terminal, and what is on its way to the client.
+    """Our end of a pseudo terminal, with the bytes in transit to the client.
 
     Args:
         master: the near end.

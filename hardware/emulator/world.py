@@ -31,9 +31,9 @@ class EmulatedRobot:
     """The emulated robot.
 
     Args:
-        robot: the robot as it is; where a driver's file says otherwise, the driver is wrong.
-        hidden: the effects it hides; None reads the file that `robot.hidden` names.
-        faults: what goes wrong, and when.
+        robot: the true robot; a driver's file may differ from it.
+        hidden: the hidden effects; None reads the file `robot.hidden`.
+        faults: faults of bus and servos, and their times.
         seed: the seed of all its randomness.
         registers: EEPROM and RAM of servos at the start, by actuator, where they differ from what
             the robot's file implies: `{"hinge": {"baud_rate": 1}}`.

@@ -166,7 +166,7 @@ class SerialImu:
         }
 
     def return_to_start(self, now: float) -> None:
-        """Begin an episode: the heading is counted from here on."""
+        """Begin an episode: set the present heading to 0."""
         self._heading = None
 
     def close(self) -> None:

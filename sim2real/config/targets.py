@@ -73,7 +73,7 @@ def marked(tree: Any, argument: signatures.Argument | None = None) -> Any:
 
 
 def build(tree: Any, where: str) -> Any:
-    """Check a tree and return what it describes.
+    """Check a configuration and build the object that it describes.
 
     Raises:
         ConfigError: see `check`.

@@ -233,7 +233,7 @@ def estimate(returns: list[float], rng: np.random.Generator) -> Interval | float
 
 
 def draw(rows: RobotRows, deployment: Deployment, folder: Path) -> None:
-    """Draw the returns over the episodes, and what the last episode asked for and measured."""
+    """Draw the returns of all episodes, and commands and measurements of the last."""
     with figure(folder / "returns.png", 1, 1, (6.4, 3.2)) as (_, axes):
         panel, start = axes[0, 0], 1
         names = {"before": "as trained", "adapting": "adapting", "after": "adapted"}

@@ -67,7 +67,7 @@ def load_policy(checkpoint: str | Path, device: str = "cpu") -> TrainedPolicy:
 
 
 def load_teacher(checkpoint: str | Path | None) -> TrainedPolicy:
-    """Return the policy of a run that a student learns from; see `load_policy`.
+    """Load the policy that a student is trained from; see `load_policy`.
 
     Raises:
         Sim2RealError: no run was named, or what `load_policy` refuses.

@@ -43,7 +43,7 @@ class NullTest(NamedTuple):
 
     @property
     def needed(self) -> tuple[str, ...]:
-        """The changes without which the replay is not to be trusted."""
+        """Numerical changes without which the replay is inaccurate."""
         return tuple(name for name, word in self.words.items() if word != "ok")
 
 

@@ -52,7 +52,7 @@ def _shown(study: Study) -> list[tuple[Group, int]]:
 def pair_table(
     study: Study, trained: str | None, tested: str, baseline: str | None, seed: int
 ) -> tuple[str, Table]:
-    """Return the title and the table of all groups trained on one robot and tested on another."""
+    """Return title and table of the groups that were trained on one robot and tested on another."""
     columns = ["experiment", "runs", "steps", "IQM", "mean", "sd over runs", "sd over episodes"]
     compared = [f"P(better than {baseline})"] if baseline else []
     table = Table([*columns, *compared, "the study: mean", "its sd over episodes"])

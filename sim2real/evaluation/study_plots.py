@@ -59,7 +59,7 @@ def draw(
 
 
 def list_figures(folder: Path) -> set[Path]:
-    """Return the pictures that a report has left in a folder."""
+    """Return the paths of a report's pictures in a folder."""
     return {path for name in DRAWN for path in (folder / "plots").glob(name)}
 
 

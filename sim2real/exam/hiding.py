@@ -108,7 +108,7 @@ def choose(robot: Robot, effect: str, where: str | None, rng: np.random.Generato
 
 
 def moved(robot: Robot) -> dict[str, str]:
-    """Return the body that each servo's joint moves, by joint, in the order of the servos."""
+    """Map each servo's joint to the body that it moves, in the order of the servos."""
     model = mujoco.MjModel.from_xml_path(str(robot.model))
     joints = [int(model.actuator_trnid[model.actuator(name).id, 0]) for name in robot.names]
     return {model.joint(j).name: model.body(int(model.jnt_bodyid[j])).name for j in joints}

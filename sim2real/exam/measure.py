@@ -33,6 +33,6 @@ def residuals(log: Log, plant: Plant) -> np.ndarray:
 
 
 def apart(log: Log, spec: mujoco.MjSpec, fixed: Sequence[Fixed] = ()) -> np.ndarray:
-    """Return the RMS error of each joint of a log under a model with fixed effects, (M,) [rad]."""
+    """Return the RMS replay error of each joint, in a model with fixed effects, (M,) [rad]."""
     plant = Plant(switchable(spec), num_rows=1, fixed=fixed)
     return np.sqrt(np.mean(residuals(log, plant)[0] ** 2, axis=0))

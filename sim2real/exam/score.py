@@ -345,7 +345,7 @@ def summary(marks: Sequence[Mark], rng: np.random.Generator) -> Table:
 
 
 def mean(values: Sequence[float] | np.ndarray) -> float | None:
-    """Return the mean; None of nothing."""
+    """Return the mean, or None of an empty sequence."""
     return float(np.mean(values)) if len(values) else None
 
 

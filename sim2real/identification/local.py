@@ -300,7 +300,7 @@ def model_discrepancy(
 
 
 def autocorrelation_time(error: np.ndarray) -> np.ndarray:
-    """Return over how many rows errors (W, T, M) hang together, (M,); 1: each stands alone.
+    """Return the autocorrelation time of errors (W, T, M) in rows, (M,); 1: uncorrelated.
 
     Their integrated autocorrelation time, up to the first lag that is not positive (Sokal 1997).
     """

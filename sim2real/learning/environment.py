@@ -186,10 +186,10 @@ class EnvironmentFactory:
 
         Args:
             num_envs: N, its batch size.
-            threads: of the physics; 0 for all cores.
-            device: where tensors go.
-            seed: of its episodes.
-            extra: further transforms behind the others, such as a policy's primers.
+            threads: threads of the physics; 0 for all cores.
+            device: device of the tensors.
+            seed: seed of the episodes.
+            extra: transforms appended to the others, such as a policy's primers.
 
         Raises:
             Sim2RealError: a base that is not an environment of that batch size, a transform whose

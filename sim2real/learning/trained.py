@@ -278,7 +278,7 @@ class ExternalObservationRows:
 
 
 def drop_per_row_state(state: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a state of transforms without what `CatFrames` remembers of each row."""
+    """Return the transforms' state without the per-row buffers of `CatFrames`."""
     return {name: value for name, value in state.items() if "_cat_buffers_" not in name}
 
 

@@ -216,7 +216,7 @@ class RunningNorm(Transform):
         return {**seen, "steps": self._steps, "held": dict(self._held)}
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
-        """Take over what was seen, and what is applied."""
+        """Restore the statistics seen and the statistics applied."""
         for key, one in self.moments.items():
             one.load(state[key])
         self._steps, self._held = state["steps"], dict(state["held"])

@@ -71,7 +71,7 @@ class Logger(ABC):
             self._sink.log_scalar(name, float(value), step=step)
 
     def close(self) -> None:
-        """Write what is left and end."""
+        """Flush and close the logger."""
         self._sink = None
 
 
@@ -85,7 +85,7 @@ class TensorBoard(Logger):
         return loggers.TensorboardLogger(exp_name="tensorboard", log_dir=str(out))
 
     def close(self) -> None:
-        """Write what is left and end."""
+        """Flush and close the logger."""
         if self._sink is not None:
             self._sink.experiment.close()
         super().close()
@@ -112,7 +112,7 @@ class WandB(Logger):
         )
 
     def close(self) -> None:
-        """Write what is left and end."""
+        """Flush and close the logger."""
         if self._sink is not None:
             self._sink.experiment.finish()
         super().close()
@@ -138,7 +138,7 @@ class MLflow(Logger):
         return loggers.MLFlowLogger(exp_name=self.experiment, tracking_uri=uri)
 
     def close(self) -> None:
-        """Write what is left and end."""
+        """Flush and close the logger."""
         if self._sink is not None:
             importlib.import_module("mlflow").end_run()
         super().close()

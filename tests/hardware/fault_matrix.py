@@ -103,13 +103,13 @@ class Outcome:
             return f"ROWS LOST: {self.rows} of {self.commanded}"
         named = all(name in self.said.rpartition(STILL)[0] for name in self.powered)
         if fault.leaves == "one" and "hinge2" in self.said and set(self.powered) <= {"hinge2"}:
-            return "off, the gone one named" if STILL in self.said else "off"
+            return "off, servo named" if STILL in self.said else "off"
         if not self.powered:
             return "off"
         again = LEFT_ON in self.next_said and all(n in self.next_said for n in self.powered)
         told = MAY_STAY in self.said if "SIGKILL" in fault.signals else named
         if fault.leaves == "all" and told and again:
-            return "on: said, and said by the next program"
+            return "on: reported, and again by the next program"
         return f"TORQUE ON, AND NOBODY WAS TOLD: {self.powered}"
 
 

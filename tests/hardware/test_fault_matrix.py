@@ -9,8 +9,8 @@ from tests.hardware import fault_matrix as matrix
 CELLS = pytest.mark.parametrize("fault", matrix.FAULTS, ids=lambda fault: fault.name)
 ALLOWED = {
     "": {"off"},
-    "one": {"off, the gone one named", "off"},
-    "all": {"off", "on: said, and said by the next program"},
+    "one": {"off, servo named", "off"},
+    "all": {"off", "on: reported, and again by the next program"},
 }
 
 

@@ -60,7 +60,7 @@ class Quadruped(ServoTask):
         return xp.concat([tilt, state.qpos[:, self.q], rhythm], axis=1)
 
     def terminated(self, state: State) -> Array:
-        """Return whether the robot tilts too far, (N,)."""
+        """Return whether roll or pitch exceeds its limit, (N,)."""
         tilt = self.xp.abs(roll_pitch(state.qpos[:, 3:7], self.xp))  # (N, 2)
         return self.xp.max(tilt, axis=1) > self.most_tilt
 

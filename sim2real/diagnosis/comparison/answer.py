@@ -86,16 +86,16 @@ class Confounder:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Whether a robot has changed.
+    """Answer to whether a robot has changed.
 
     Attributes:
         verdict: "unchanged", "changed" or "cannot_tell".
         reason: why, in a sentence.
         changes: what changed, the clearest first.
         tolerated: what changed within its limit.
-        watched: the change of every effect that was looked at, named or not.
+        watched: the change of every effect that was tested.
         shared: effects that both sides have in addition to the model's.
-        confounders: what else may differ.
+        confounders: other differences between the sessions.
         untold: effects that these logs cannot show, and why.
         numbers: pieces, whether they are differences of the same motions, RMS before and after.
         inputs: logs, model, seed.

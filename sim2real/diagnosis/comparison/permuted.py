@@ -27,7 +27,7 @@ RIDGE = 1e-9  # of the diagonal: keeps the equations solvable, far below anythin
 
 
 class Prior(NamedTuple):
-    """What is known of the change of each of K columns other than those that are tested."""
+    """Prior of the change of each of K columns that are not tested."""
 
     mean: np.ndarray  # (K,)
     spread: np.ndarray  # (K,) standard deviation; inf where nothing is known

@@ -146,14 +146,14 @@ class _Search:
         return way.slope * source[:, way.order] + way.shift
 
     def misfit(self, way: Way) -> np.ndarray:
-        """Return each number's RMS misfit, of its spread, (k,)."""
+        """Return the RMS misfit of each number, relative to its spread, (k,)."""
         made = self.predict(way)
         spread = np.maximum(self.spread, self._std(made))
         square = self._mean((self.logged - made) ** 2) - self.rounding
         return np.sqrt(np.maximum(square, 0.0)) / spread
 
     def blind(self, plain: Way) -> Decoded:
-        """Return, with nothing else, what the log cannot tell even if all is as described."""
+        """Return what the log cannot show even if the interface is intact, and nothing else."""
         names, limits = self.target.elements, self.limits
         source = self.rows.older(plain.variant.values, plain.age)[self.use]
         still = self._std(source) < limits.still

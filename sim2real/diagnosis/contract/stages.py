@@ -48,7 +48,7 @@ class Stage:
 
 
 def check_observation(rows: Rows, about: Description, limits: Contract) -> Stage:
-    """Compare the logged observation with what the raw channels make of it.
+    """Compare the logged observation with the one rebuilt from the raw channels.
 
     Raises:
         ContractError: an observation of another size, or a channel that the log lacks.

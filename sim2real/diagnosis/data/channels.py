@@ -66,7 +66,7 @@ def channel_gaps(
 def contradicting(
     gaps: Sequence[ChannelGap], settings: Channels = DEFAULT.channels
 ) -> Iterator[tuple[str, str, str, str]]:
-    """Yield check, place, finding and fix for each channel that the causes bring further off."""
+    """Yield check, location, finding and fix for each channel whose error the causes increase."""
     for gap in gaps:
         far = gap.after - gap.before > settings.worse_noises * gap.noise
         if far and gap.after > settings.worse * gap.before:

@@ -189,10 +189,10 @@ class Data:
         """Return the data with models that take longer time steps.
 
         Args:
-            most: length of a step [s]; each model's own is multiplied by as much as fits.
+            most: longest step [s]; each model's own is multiplied by the largest integer that fits.
 
         Returns:
-            None where no model can take longer ones.
+            None if no model can take longer steps.
         """
         specs = [spec.copy() for spec in self.specs]
         for spec in specs:

@@ -32,7 +32,7 @@ def unit_of(pairs: Pairs, joint: str) -> str:
 
 
 def index_of(model: mujoco.MjModel, actuator: str) -> int | None:
-    """The number of a model's actuator that drives a joint, or None."""
+    """Return the index of the actuator that drives a joint, or None."""
     names = [model.actuator(i).name for i in range(model.nu)]
     if actuator not in names:
         return None

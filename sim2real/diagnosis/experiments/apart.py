@@ -121,7 +121,7 @@ class _View(NamedTuple):
         return _View(predicted[:-1], predicted[-1], slopes[:-1], slopes[-1])
 
     def left(self, other: _View, k: int, times: int) -> float:
-        """Return what is left of another's motion k after this one's linear refit."""
+        """Return what a linear refit of this leaves of another explanation's motion k."""
         off = np.concatenate([other.new[k] - self.new[k], other.past - self.past])
         slopes = np.concatenate([self.new_slopes[k], self.past_slopes])
         if not (np.isfinite(off).all() and np.isfinite(slopes).all()):

@@ -154,7 +154,7 @@ class _Near:
         return np.nan_to_num(distances)[self.parted if self.parted.any() else slice(None)]
 
     def least(self, distances: np.ndarray) -> float:
-        """Return the least distance that counts; where no pair can be parted the largest."""
+        """Return the smallest distance of a separable pair; the largest if no pair is separable."""
         own = self.of(distances)
         return float(own.min() if self.parted.any() else own.max())
 

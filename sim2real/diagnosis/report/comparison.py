@@ -52,7 +52,7 @@ def read_report(path: str | Path) -> Report:
 
 
 def view(earlier: Report, later: Report) -> dict[str, Any]:
-    """Return what the page shows, by name."""
+    """Return the variables of the page template, by name."""
     pair = (earlier, later)
     causes = _causes(pair)
     return {

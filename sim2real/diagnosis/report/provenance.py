@@ -57,6 +57,8 @@ def flat(tree: Mapping[str, Any], head: str = "") -> list[tuple[str, str]]:
         title = head + (own.replace("_", " ") if own.isidentifier() else own)
         if isinstance(value, Mapping):
             lines += flat(value, f"{title}: ")
+        elif key in ("logs", "models"):
+            lines.append((title, ", ".join(map(_short, _listed(value))) or "none"))
         elif isinstance(value, list | tuple):
             lines.append((title, number(value) or "none"))
         else:
@@ -66,8 +68,7 @@ def flat(tree: Mapping[str, Any], head: str = "") -> list[tuple[str, str]]:
 
 def names(inputs: Mapping[str, Any]) -> list[str]:
     """Return the names of the logs' files."""
-    logs = inputs.get("logs", [])
-    return [Path(str(log)).name for log in ([logs] if isinstance(logs, str) else logs)]
+    return [Path(log).name for log in _listed(inputs.get("logs", []))]
 
 
 def command(inputs: Mapping[str, Any]) -> str:
@@ -80,16 +81,26 @@ def command(inputs: Mapping[str, Any]) -> str:
 
 def sources(inputs: Mapping[str, Any]) -> list[str]:
     """Return log=... and model=..., quoted for a shell."""
-    logs = inputs.get("logs", [])
-    logs = [logs] if isinstance(logs, str) else list(map(str, logs))
-    logs = [_short(log) for log in logs]
+    logs = [_short(log) for log in _listed(inputs.get("logs", []))]
     log = logs[0] if len(logs) == 1 else f"[{','.join(logs)}]"
     models = sorted({_short(str(m)) for m in inputs.get("models", [])})
     parts = [f"log={log}", *([f"model={models[0]}"] if len(models) == 1 else [])]
     return [shlex.quote(part) for part in parts]
 
 
+def _listed(paths: Any) -> list[str]:
+    """Return one path, or several, as a list of texts."""
+    return [paths] if isinstance(paths, str) else list(map(str, paths))
+
+
 def _short(path: str) -> str:
-    """Return a path without detours, from here where it lies below."""
-    whole, here = os.path.abspath(path), os.getcwd()
-    return os.path.relpath(whole, here) if whole.startswith(here + os.sep) else whole
+    """Return a path without detours: from the working folder, from `~`, or as it was given.
+
+    A report may be published, so it names no folder of the machine that nobody typed.
+    """
+    if not os.path.isabs(path):
+        return os.path.normpath(path)
+    for start, sign in ((os.getcwd(), ""), (os.path.expanduser("~"), "~" + os.sep)):
+        if os.path.abspath(path).startswith(start + os.sep):
+            return sign + os.path.relpath(path, start)
+    return os.path.normpath(path)

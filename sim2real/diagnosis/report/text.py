@@ -52,7 +52,7 @@ def percent(share: float | None) -> str:
     """Return a share as a whole percentage; tenths next to 0 and 100 where they matter."""
     if share is None:
         return "–"
-    digits = 1 if 0.99 < abs(share) < 0.9995 or 0.0005 <= abs(share) < 0.01 else 0
+    digits = 1 if 0.995 < abs(share) < 0.9995 or 0.0005 <= abs(share) < 0.01 else 0
     return f"{100 * share:.{digits}f}\N{NO-BREAK SPACE}%"
 
 
@@ -77,9 +77,8 @@ def verdict_sentence(report: Report) -> str:
     gap = report.gap
     if report.verdict == "no_gap":
         return (
-            "Simulation and robot agree: what is left between them,"
-            f" {quantity(gap.before, gap.unit)}, is no more than noise and the few per cent by"
-            " which any model is off."
+            f"Simulation and robot agree: {quantity(gap.before, gap.unit)} is no more than noise"
+            " and the few per cent by which any model is off."
         )
     if report.verdict == "unexplained" or not report.values:
         return "There is a gap, and no known effect explains it."
@@ -95,7 +94,7 @@ def verdict_sentence(report: Report) -> str:
     if report.verdict == "partly_explained":
         text = f"{text[:-1]}; the rest has another cause."
     mend = "; ".join(cause.remedy for cause in report.causes if cause.remedy)
-    text += f" To mend the log: {mend}." if mend else ""
+    text += f" To fix the log: {mend}." if mend else ""
     return text[0].upper() + text[1:]
 
 
@@ -126,21 +125,21 @@ def details(report: Report) -> str:
     gap = report.gap
     floor = quantity(gap.noise_floor, gap.unit)
     motion = " of the joints' own motion" if gap.unit == "spread" else ""
-    on = "on parts of the recordings that nothing was fitted to" if gap.held_out else ""
+    on = " on held-out data" if gap.held_out else ""
     if gap.after is None:
         return f"The noise floor of these recordings is {floor}{motion}."
     if not report.values:
         return (
-            f"The simulation misses the robot by {quantity(gap.before, gap.unit)}{motion};"
-            f" {floor} are noise. No effect that was tried brings it nearer {on}."
+            f"Simulation error: {quantity(gap.before, gap.unit)}{motion}. The noise floor is"
+            f" {floor}. No effect that was tried reduces the error{on}."
         )
     further = "".join(
         f" {text}" for text in (residual_sentence(report), same_joint_warning(report)) if text
     )
     return (
-        f"The simulation misses the robot by {quantity(gap.before, gap.unit)}{motion};"
-        f" with {_these(report)} in the model by {quantity(gap.after, gap.unit)}"
-        f"{', ' + on if on else ''}. {floor} are noise that nothing can close.{further}"
+        f"Simulation error{on}: {quantity(gap.before, gap.unit)}{motion} as given,"
+        f" {quantity(gap.after, gap.unit)} with {_these(report)}. The noise floor is"
+        f" {floor}.{further}"
     )
 
 
@@ -151,8 +150,7 @@ def residual_sentence(report: Report) -> str:
         return ""
     floors = gap.after / max(gap.noise_floor, TINY)
     return (
-        f"What is left is {floors:.1f} times the noise floor: the causes explain the gap, and "
-        "something smaller is still missing."
+        f"What is left is {floors:.1f} times the noise floor: a smaller effect is probably missing."
     )
 
 
@@ -163,8 +161,8 @@ def same_joint_warning(report: Report) -> str:
     if places.count(joint) < CROWD:
         return ""
     return (
-        f"{places.count(joint)} effects are named at {joint}: so many at one joint can imitate a "
-        "law that is missing; isolate each of them before you believe it."
+        f"{places.count(joint)} effects are named at {joint}. Together they can imitate an effect"
+        " that is missing: confirm each of them in isolation."
     )
 
 

@@ -7,7 +7,7 @@ from sim2real.diagnosis.settings.base import COST, DEVELOPED, JUDGED, setting
 
 @dataclass(frozen=True)
 class Encoder:
-    """When readings count as rounded to steps."""
+    """Detection of readings that are rounded to encoder steps."""
 
     same: float = setting(1e-6, "rad", "readings closer than this are equal", JUDGED)
     steps_min: int = setting(5, "1", "distinct steps needed to infer a rounding", JUDGED)

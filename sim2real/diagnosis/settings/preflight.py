@@ -182,7 +182,7 @@ class Hunting:
 
 @dataclass(frozen=True)
 class Checks:
-    """When readings scatter by more than their counts."""
+    """Detection of readings that scatter by more than a count."""
 
     noise: float = setting(1.5, "1", "multiple of the rounding", JUDGED)
     rounding_min: float = setting(1e-5, "rad", "a rounding is taken as at least this", JUDGED)

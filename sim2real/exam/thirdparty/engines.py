@@ -23,7 +23,7 @@ MODULES: Mapping[str, str] = {"drake": "pydrake", "dart": "dartpy"}
 
 
 class Engine(Protocol):
-    """A tree of rigid bodies that moves."""
+    """A simulated tree of rigid bodies."""
 
     def place(self, q: np.ndarray, v: np.ndarray) -> None:
         """Put it at positions [rad or m] and speeds, (n,) each."""

@@ -32,7 +32,7 @@ class Foot(NamedTuple):
 
 
 def floating(spec: mujoco.MjSpec) -> Tree:
-    """Return the bodies of a robot whose first one is free; its own frame is at the origin.
+    """Return the bodies of a robot with a free base, whose frame is at the origin.
 
     Raises:
         Sim2RealError: the first body is not free.

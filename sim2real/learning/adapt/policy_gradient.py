@@ -92,7 +92,7 @@ class PolicyGradient(Adaptation):
         )
 
     def bind_policy(self, actor: Any, critic: Critic | None = None) -> PolicyGradient:
-        """Return this operator for a policy; raises Sim2RealError for one without a normal law."""
+        """Return this operator for a policy; Sim2RealError unless its actions are Gaussian."""
         return replace(self, law=FunctionalActor(actor))
 
     def start(self, theta: np.ndarray, rng: np.random.Generator) -> PolicyGradientSession:

@@ -152,7 +152,7 @@ class SAC(CollectingAlgorithm):
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Take over a state; raises as the base class does."""
+        """Restore a state; raises as the base class does."""
         super().load_state_dict(state)
         self._buffer.empty()
         if state["samples"]:

@@ -85,7 +85,7 @@ class RayLink:
 
 @dataclass(frozen=True)
 class Cluster:
-    """A Ray cluster and what is used of it.
+    """A Ray cluster and the resources used on it.
 
     Raises:
         ClusterError: for numbers below 1, or without the package ray.

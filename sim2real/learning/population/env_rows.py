@@ -30,14 +30,14 @@ TRIED = 3  # observations of the trial: that of the start and two more
 
 
 class EnvRows:
-    """Rows over an environment; see the module's text.
+    """Independent episodes in the rows of a batched environment.
 
     Args:
-        env: the world with all transforms but `RandomizeParams`, N rows on the CPU.
+        env: the environment with all transforms except `RandomizeParams`, N rows on the CPU.
 
     Raises:
-        Sim2RealError: an environment that shows no vector, takes no seeds, or whose episodes depend
-            on more than robot, seed and actions.
+        Sim2RealError: the environment has no vector observation, accepts no seeds, or its episodes
+            depend on more than robot, seed and actions.
     """
 
     def __init__(self, env: TransformedEnv) -> None:

@@ -86,7 +86,7 @@ def test_three_causes_at_one_joint_are_doubted(found: Diagnosis) -> None:
     cause = replace(found.report.causes[0], where="a", shared=False)
     crowd = [replace(cause, effect=name) for name in ("armature", "cogging", "backlash")]
     told = final_message(replace(found.report, causes=tuple(crowd)))
-    assert any(words.startswith("3 effects are named at a: so many") for words in told)
+    assert any(words.startswith("3 effects are named at a. Together") for words in told)
     elsewhere = (*crowd[:2], replace(crowd[2], where="b"))
     wide = tuple(replace(one, where=None, shared=True) for one in crowd)
     for causes in (tuple(crowd[:2]), elsewhere, wide):
