@@ -29,6 +29,9 @@ class mjtCamera(_Enum):
 class mjtCatBit(_Enum):
     mjCAT_ALL: mjtCatBit
 
+class mjtConstraint(_Enum):
+    mjCNSTR_EQUALITY: mjtConstraint
+
 class mjtEnableBit(_Enum):
     mjENBL_SLEEP: mjtEnableBit
     mjENBL_IPC: mjtEnableBit
@@ -77,6 +80,9 @@ class mjtIntegrator(_Enum):
     mjINT_EULER: mjtIntegrator
     mjINT_RK4: mjtIntegrator
     mjINT_IMPLICITFAST: mjtIntegrator
+
+class mjtJacobian(_Enum):
+    mjJAC_DENSE: mjtJacobian
 
 class mjtJoint(_Enum):
     mjJNT_FREE: mjtJoint

@@ -204,6 +204,9 @@ class MjData:
     @property
     def contact(self) -> _MjContactList: ...
     ctrl: _Floats
+    efc_J: _Floats
+    efc_pos: _Floats
+    efc_type: _Ints
     energy: _Floats
     def geom(self, name: str | Int, /) -> _MjDataGeomViews: ...
     geom_xmat: _Floats
@@ -246,6 +249,7 @@ class MjOption:
     gravity: _Floats
     integrator: _Int
     iterations: _Int
+    jacobian: _Int
     ls_iterations: _Int
     ls_tolerance: _Float
     solver: _Int

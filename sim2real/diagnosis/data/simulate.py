@@ -11,7 +11,6 @@ share the rows. A row's numbers are the same wherever it is simulated.
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from functools import partial
@@ -117,8 +116,6 @@ class Simulator:
         self.heat = Heat(data, self._paths)
         self.memory = Memory(self.settings.memory_bytes)
         self.work = Work() if work is None else work
-        self._plants: OrderedDict[tuple[Any, ...], Plant] = OrderedDict()
-        self._parents: OrderedDict[tuple[Any, ...], Plant] | None = None  # in a helping process
         self._models = [_Lean.of(spec) for spec in data.specs] if models is None else models
         self._length = data.mask.shape[1]
         self._plans = [self._plan(window) for window in data.windows]
@@ -237,28 +234,8 @@ class Simulator:
         )
 
     def _plant(self, effects: Sequence[Effect], model: int, rows: int) -> Plant:
-        if is_helper() and self._parents is None:
-            self._parents, self._plants = self._plants, OrderedDict()  # their threads are not here
-        key = (model, rows, *map(key_of, effects))
-        if key in self._plants:
-            self._plants.move_to_end(key)
-            return self._plants[key]
         alone = is_helper() or self._is_stepped(effects, model)
-        threads = 1 if alone else self.threads
-        plant = self._make(model, effects, rows, threads)
-        self._plants[key] = plant
-        while len(self._plants) > 1 and not self._has_room():
-            self._plants.popitem(last=False)
-        return plant
-
-    def _has_room(self) -> bool:
-        """Return whether the plants that are kept ready are few, and small.
-
-        Each has its model, the engine's own, and one for each thread where effects write fields.
-        """
-        copies, limits = 2 + (self.threads or cores()), self.settings
-        taken = copies * sum(mujoco.mj_sizeModel(own.model) for own in self._plants.values())
-        return len(self._plants) <= limits.plants and taken <= limits.plants_bytes
+        return self._make(model, effects, rows, 1 if alone else self.threads)
 
     def _make(self, model: int, effects: Sequence[Effect], rows: int, threads: int) -> Plant:
         own = self._models[model]

@@ -78,8 +78,6 @@ class Simulation:
     spread_min: float = setting(1e-3, "rad", "least motion that this is taken of", JUDGED)
     batch_bytes: float = setting(5e7, "B", "memory of one batch", COST)
     memory_bytes: float = setting(1e8, "B", "memory of rows that fits come back to", COST)
-    plants: int = setting(12, "1", "models kept ready, at most", COST)
-    plants_bytes: float = setting(2.5e8, "B", "memory of these, but for the newest", COST)
     shared_rows: int = setting(24, "1", "rows from which processes share Python laws", COST)
     share_rows: int = setting(192, "1", "rows of such a share, at most", COST)
     strengths: tuple[float, ...] = setting(
