@@ -24,7 +24,7 @@ from hardware.emulator.mechanics import TICK
 from hardware.errors import RobotError, format_names
 from hardware.files import atomic_write
 
-DERIVATIVE_TIME = "derivative_time."  # of the name of a number in a model; then the actuator's
+PREFIX = "derivative_time."  # as `envs.replay.derivative` reads it; then the actuator's name
 
 
 def write_nominal_model(robot: Robot, path: Path) -> Robot:
@@ -54,12 +54,12 @@ def nominal(robot: Robot) -> mujoco.MjSpec:
             f"{robot.model} has no actuators {format_names(missing)}; it has "
             f"{format_names(actuators)}"
         )
-    for number in [number for number in spec.numerics if number.name.startswith(DERIVATIVE_TIME)]:
+    for number in [number for number in spec.numerics if number.name.startswith(PREFIX)]:
         spec.delete(number)
     for servo in robot.servos:
         actuator = actuators[servo.name]
         if ahead := _set_servo(actuator, robot, servo):
-            spec.add_numeric(name=DERIVATIVE_TIME + servo.name, data=[ahead], size=1)
+            spec.add_numeric(name=PREFIX + servo.name, data=[ahead], size=1)
         joint = spec.joint(actuator.target)
         joint.armature, joint.frictionloss = servo.type.armature or joint.armature, 0.0
         joint.damping[:] = 0.0

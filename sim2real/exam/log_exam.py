@@ -14,7 +14,6 @@ The robots are emulated ones; in some of them an effect is hidden as well. Rules
 
 import json
 import logging
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -185,8 +184,8 @@ def names(cause: Mapping[str, Any], mistake: Mistake, joints: Sequence[str]) -> 
     if cause["effect"] != mistake.kind:  # an equivalent is the mistake: its size is unknown
         return True
     value = cause["value"]
-    if mistake.kind == "row_shift":  # a late command is an early reading: no log says which
-        value = math.copysign(value, mistake.value)
+    if mistake.kind == "row_shift" and cause["extra"]["columns"] != list(mistake.columns):
+        value = -value  # a late command is an early reading: no log says which
     return abs(value - mistake.value) <= NEAR * abs(mistake.value)
 
 

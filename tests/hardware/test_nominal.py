@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from envs.replay.derivative import derivative_times
 from envs.tasks.servo.drive import servo as simulated
 from hardware.config import load_robot
 from hardware.connect import make_driver
@@ -79,7 +80,7 @@ def test_a_derivative_gain_is_named_with_its_time(tmp_path: Path) -> None:
         model = mujoco.MjModel.from_xml_path(str(path))
         assert model.nnumeric == len(robot.servos)
         # kd / kp = (D / 16) 1 ms / (P / 256), P = 600 and D = 200
-        time = model.numeric("derivative_time.if_mcp_act").data[0]
+        time = derivative_times(model)[model.actuator("if_mcp_act").id]  # as replays read it
         assert time == pytest.approx(200 / 16 * 1e-3 / (600 / 256))
     assert not nominal(load_robot("arm6")).compile().nnumeric
 

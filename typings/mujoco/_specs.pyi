@@ -80,6 +80,9 @@ class MjSpec:
         qvel: Iterable[Float] | None = ...,
         ctrl: Iterable[Float] | None = ...,
     ) -> MjsKey: ...
+    def add_numeric(
+        self, *, name: str | None = ..., data: Iterable[Float] | None = ..., size: Int | None = ...
+    ) -> MjsNumeric: ...
     def add_pair(
         self,
         *,
@@ -163,6 +166,8 @@ class MjSpec:
     modelfiledir: str
     modelname: str
     nkey: _Int
+    @property
+    def numerics(self) -> list[MjsNumeric]: ...
     option: MjOption
     def pair(self, arg0: str, /) -> MjsPair: ...
     @property
@@ -474,6 +479,8 @@ class MjsMesh(_Element):
     file: str
     inertia: _Field[mjtMeshInertia, Int]
     scale: _Floats
+
+class MjsNumeric(_Element): ...
 
 class MjsPair(_Element):
     friction: _Floats

@@ -63,8 +63,8 @@ def compute_price(members: int, values: int, choices: int, settings: Inference) 
     """Return what a hypothesis has to win over the model as given [nats a row].
 
     Each member is one of so many that were looked at, so that one of them is expected to gain the
-    log of their number by chance (Bonferroni), and odds of one over the level are asked for beside
-    it. Each value costs half the log of the evidence (Schwarz 1978, doi:10.1214/aos/1176344136),
+    log of their number by chance (Bonferroni), and odds of one over the level are asked for as
+    well. Each value costs half the log of the evidence (Schwarz 1978, doi:10.1214/aos/1176344136),
     which is one over the temperature: rows are no independent evidence.
 
     Args:

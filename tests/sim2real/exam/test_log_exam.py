@@ -52,7 +52,7 @@ def report(verdict: str, *causes: tuple[str, str, str | None, float]) -> dict:
     """Return an answer; of each cause kind, effect, place and value."""
     tables = [
         {"kind": kind, "effect": effect, "where": where, "side": None, "value": value}
-        | {"equivalent": []}
+        | {"equivalent": [], "extra": {"columns": ["ctrl"]}}
         for kind, effect, where, value in causes
     ]
     return {"verdict": verdict, "causes": tables, "seconds": 1.0}
@@ -123,3 +123,17 @@ def test_a_case_is_made_and_keeps_its_secret(tmp_path: Path) -> None:
     assert abs(log.column(f"qpos.{joint}")[-1] - log.column(f"ctrl.{joint}")[-1]) > 3
     assert not any(name.startswith(("action.", "sensor.", "current.")) for name in log.columns)
     assert {file.name for file in logs.iterdir()} == {"a.csv", "a.json", "model.xml", "task.json"}
+
+
+def test_a_late_command_is_an_early_reading() -> None:
+    """Of the other sign: no log says which of the two columns was off."""
+    late = Mistake("row_shift", ("ctrl",), None, 2.0)
+    for column, value, named in (
+        ("ctrl", 2.0, True),
+        ("qpos", -2.0, True),
+        ("ctrl", -2.0, False),
+        ("qpos", 2.0, False),
+    ):
+        answer = report("explained", ("log", "row_shift", None, value))
+        answer["causes"][0]["extra"] = {"columns": [column]}
+        assert mark(key(late), answer).named == named

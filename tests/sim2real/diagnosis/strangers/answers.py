@@ -25,7 +25,7 @@ class Expected:
         effects: names of which the first cause or an equivalent of it has to have one.
         where: places of which it has to have one; None is the robot.
         near: a value and by how much the first cause's may differ from it.
-        either: whether its sign is that of either column: a late command is an early reading.
+        columns: whose rows are late; a late command is an early reading, of the other sign.
         factor: a value and by which factor the first cause's may differ from it.
         at: when, as a time and a tolerance [s].
         verdicts: that are right.
@@ -35,7 +35,7 @@ class Expected:
     effects: Set[str]
     where: Set[str | None]
     near: tuple[float, float] | None = None
-    either: bool = False
+    columns: tuple[str, ...] = ()
     factor: tuple[float, float] | None = None
     at: tuple[float, float] | None = None
     verdicts: Set[str] = BETTER
@@ -63,7 +63,8 @@ class Expected:
             return False
         if cause.effect not in self.effects:  # an equivalent was meant, whose value is not told
             return True
-        value = abs(cause.value) if self.either else cause.value
+        other = self.columns and tuple(cause.extra["columns"]) != self.columns
+        value = -cause.value if other else cause.value
         if self.near and abs(value - self.near[0]) > self.near[1]:
             return False
         if self.factor is None:
