@@ -54,7 +54,7 @@ def flat(tree: Mapping[str, Any], head: str = "") -> list[tuple[str, str]]:
         if key in ("command", "link"):
             continue  # they stand elsewhere on the page
         own = str(key)  # a word, or the path of a log, which keeps its underscores
-        title = head + (own.replace("_", " ") if own.isidentifier() else own)
+        title = head + (own.replace("_", " ") if own.isidentifier() else _short(own))
         if isinstance(value, Mapping):
             lines += flat(value, f"{title}: ")
         elif key in ("logs", "models"):

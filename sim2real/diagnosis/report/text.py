@@ -150,7 +150,8 @@ def residual_sentence(report: Report) -> str:
         return ""
     floors = gap.after / max(gap.noise_floor, TINY)
     return (
-        f"What is left is {floors:.1f} times the noise floor: a smaller effect is probably missing."
+        f"What is left is {floors:.1f} times the noise floor: a model's usual errors, or a smaller"
+        " effect."
     )
 
 

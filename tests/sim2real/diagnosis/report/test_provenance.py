@@ -33,3 +33,5 @@ def test_paths_name_no_folder_that_nobody_typed(
     shown = [os.path.join("run", "log.csv"), os.path.join("~", "other.csv")]
     assert sources(inputs) == [f"'log=[{','.join(shown)}]'", f"model={away}"]
     assert flat(inputs) == [("logs", ", ".join(shown)), ("models", away)]
+    hashes = {"sha256": dict.fromkeys(inputs["logs"], "abc")}
+    assert flat(hashes) == [(f"sha256: {path}", "abc") for path in shown]
