@@ -88,9 +88,9 @@ class Hypothesis:
         return frozenset(change.label for change in self.changes)
 
     @property
-    def mistakes(self) -> int:
-        """How many of its members are mistakes of the log."""
-        return sum(get_kind(member) == "log" for member in self.members)
+    def burden(self) -> tuple[int, int]:
+        """Its free values, and mistakes of the log: the less, the simpler."""
+        return int(self.smooth.sum()), sum(get_kind(member) == "log" for member in self.members)
 
     @property
     def label(self) -> str:

@@ -125,9 +125,7 @@ class Judge:
         self.fold = deal_folds(data.windows)
         self.bootstrap = Bootstrap(data.windows, rng or np.random.default_rng(0), self.settings)
         noise, self.rows = self.replayer.noise, self.replayer.compared
-        self.readings = self.rows * len(noise)
         self.most = np.maximum(self.replayer.count, noise) / noise  # a count, in noises
-        self.choices = 1  # changes that the vocabulary has
         self.basis: Basis | None = None
         given, *unknown = self._look(NONE, np.zeros((FOLDS, 0)))
         self.glance = make_glance(self.fitter, given, *unknown)
@@ -140,7 +138,7 @@ class Judge:
             vocabulary: what it may be explained by.
         """
         tried = {self.given.label: self.given}
-        best, self.choices = self.given, max(len(vocabulary.members), 1)
+        best, self.choices = self.given, max(len(vocabulary.members), 1)  # that it may be of
         while len(best.hypothesis.members) < self.settings.members_max:
             added = f" in addition to {best.label}" if best.hypothesis.members else ""
             self.moving(f"looking at every change{added}", SHARES[len(best.hypothesis.members)])
@@ -174,11 +172,11 @@ class Judge:
     def left(self, fit: Fit) -> Left:
         """Return what a fit leaves."""
         windows = fit.score - self.fitter.score_capped(fit, self.most)
-        few = int(self.settings.moments * len(windows))
+        few, readings = int(self.settings.moments * len(windows)), self.rows * len(self.most)
         rank = np.argsort(np.argsort(-windows))
         lasting = np.where(rank < few, 0.0, windows)
         gain, whole = self.bootstrap.gain(lasting), self.bootstrap.gain(windows)
-        return Left(Gain(*(value / self.readings for value in gain)), whole.high / self.readings)
+        return Left(Gain(*(value / readings for value in gain)), whole.high / readings)
 
     def excess(self, fit: Fit) -> np.ndarray:
         """Return by how much squared errors exceed what noise and counts make, (W, N, M)."""
@@ -189,12 +187,12 @@ class Judge:
     def wins(self, more: Fit, less: Fit) -> bool:
         """Return whether further members win what they have to, for certain."""
         gain = self.bootstrap.gain(more.score - less.score)
-        further = self.price(more.hypothesis) - self.price(less.hypothesis)
-        return gain.low > 0 and gain.total > further * self.rows
+        least = (self.price(more.hypothesis) - self.price(less.hypothesis)) * self.rows
+        return gain.low > 0 and gain.total > least
 
     def price(self, hypothesis: Hypothesis) -> float:
         """Return what a hypothesis has to win [nats a row]."""
-        values = int(hypothesis.smooth.sum())
+        values, _ = hypothesis.burden
         return compute_price(len(hypothesis.members), values, self.choices, self.settings)
 
     def _look(self, hypothesis: Hypothesis, values: np.ndarray) -> list[np.ndarray]:
@@ -209,7 +207,7 @@ class Judge:
         """
         self.fitter, *found = make_fitter(self.replayer, self.fold, hypothesis, values, self.basis)
         self.basis = self.fitter.likelihood.basis
-        self.given = self.fitter.fit([Start(NONE, np.zeros((1, 0)))])[0]
+        (self.given,) = self.fitter.fit([Start(NONE, np.zeros((1, 0)))])
         paths = (self.replayer.holding(), self.replayer.coasting())
         self.nulls = {n: self.fitter.of_path(e) for n, e in zip(NULLS, paths, strict=True)}
         return found
@@ -276,7 +274,7 @@ class Judge:
         """
         top = max(fits, key=lambda fit: fit.total)
         near = [f for f in fits if f is top or self.bootstrap.gain(top.score - f.score).low <= 0]
-        return min(near, key=lambda f: (f.hypothesis.smooth.sum(), f.hypothesis.mistakes, -f.total))
+        return min(near, key=lambda f: (*f.hypothesis.burden, -f.total))
 
     def _prune(self, tried: dict[str, Fit]) -> Fit:
         """Return the best explanation, each of whose members wins what it has to."""
@@ -312,21 +310,11 @@ class Judge:
         chances, unknown = compute_posterior(
             [(fit.total - self.given.total) / self.rows for fit in fits],
             [self.price(fit.hypothesis) for fit in fits],
-            left.gain.total * self.readings / self.rows,
+            left.gain.total * len(self.most),
             self.settings,
         )
-        return Judgement(
-            verdict,
-            best,
-            self.given,
-            self.nulls,
-            tuple(rivals),
-            left.gain,
-            pushes,
-            chances,
-            unknown,
-            self,
-        )
+        known = verdict, best, self.given, self.nulls, tuple(rivals)
+        return Judgement(*known, left.gain, pushes, chances, unknown, self)
 
     def _find_pushes(self, best: Fit) -> tuple[Pushed, ...]:
         """Return the pushes that hold most of what an explanation leaves, if that is worth a cause.
@@ -355,10 +343,12 @@ class Judge:
         )
         return decide_verdict(standing, self.settings)
 
-    def _refit(self, best: Fit, tried: dict[str, Fit]) -> tuple[Fit, dict[str, Fit]]:
+    def _refit(
+        self, best: Fit, tried: dict[str, Fit], again: bool = True
+    ) -> tuple[Fit, dict[str, Fit]]:
         """Return the best and its nearest rivals, fitted where the answer is the model."""
-        others = [f for f in tried.values() if f is not best and f.hypothesis.members]
-        others = [f for f in others if len(f.hypothesis.members) <= len(best.hypothesis.members)]
+        most, others = len(best.hypothesis.members), [f for f in tried.values() if f is not best]
+        others = [f for f in others if 0 < len(f.hypothesis.members) <= most]
         others.sort(key=lambda fit: -fit.total)
         finalists = [best, *others[: self.settings.rivals]]
         finalists += [f for f in others if is_part(f.hypothesis, best.hypothesis)]
@@ -369,9 +359,10 @@ class Judge:
         found = self._prune(refitted)
         if found.hypothesis.mended == best.hypothesis.mended:
             return found, refitted
-        if self.bootstrap.gain(found.score - refitted[best.label].score).low > 0:
-            return self._refit(found, tried)
-        return refitted[best.label], refitted
+        same, simpler = refitted[best.label], found.hypothesis.burden < best.hypothesis.burden
+        if again and (simpler or self.bootstrap.gain(found.score - same.score).low > 0):
+            return self._refit(found, tried, again=False)
+        return same, refitted
 
     def _judge_apart(self, fit: Fit, best: Fit) -> Fit:
         """Return a fit, with unknowns of its own if it mends the log otherwise than the best does.
@@ -380,13 +371,13 @@ class Judge:
         """
         if fit.hypothesis.mended == best.hypothesis.mended:
             return fit
-        known = fit.hypothesis, fit.values, self.basis
-        return make_fitter(self.replayer, self.fold, *known)[0].fit([restart(fit)], rounds=0)[0]
+        own, *_ = make_fitter(self.replayer, self.fold, fit.hypothesis, fit.values, self.basis)
+        return own.fit([restart(fit)], rounds=0)[0]
 
     def _closes(self, fit: Fit) -> float:
         """Return by what share a fit shortens errors, in noises of a reading."""
-        noise = self.replayer.noise
-        before, after = (np.sqrt(np.square(f.held / noise).sum()) for f in (self.given, fit))
+        held = (one.held / self.replayer.noise for one in (self.given, fit))
+        before, after = (np.sqrt(np.square(errors).sum()) for errors in held)
         return float(1 - after / before)
 
 

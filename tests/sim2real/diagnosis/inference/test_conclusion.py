@@ -85,9 +85,9 @@ def test_what_is_left_is_told_with_its_joint_and_its_time(tmp_path: Path) -> Non
 
 @pytest.mark.slow
 def test_what_makes_one_model_is_inseparable(tmp_path: Path) -> None:
-    """A supply acts as a factor on every motor's law, and so does their strength."""
-    log = arm.make_log(("motor_strength", {"where": None}, 0.8), seconds=12.0, noise=NOISE)
-    made = concluded(log, tmp_path, "motor_strength", "supply_voltage")
+    """A supply is a factor on every motor's voltage, as their strength is that keeps braking."""
+    log = arm.make_log(("supply_voltage", {}, 0.8), seconds=12.0, noise=NOISE)
+    made = concluded(log, tmp_path, "motor_strength (braking kept)", "supply_voltage")
     (cause,) = made.report.causes
     assert cause.value == pytest.approx(0.8, rel=0.02)
     names = {cause.effect, *(other.effect for other in cause.equivalent)}

@@ -77,3 +77,14 @@ def test_an_effect_that_nobody_proposes_stays_unexplained_or_in_part(tmp_path: P
     judgement = judged(log, tmp_path)
     assert judgement.verdict in ("unexplained", "partly_explained")
     assert judgement.unknown > 0.5
+
+
+def test_an_effect_that_a_mistake_of_the_log_equals_is_named(tmp_path: Path) -> None:
+    """A zero that is off in command and reading is the robot's: nothing tells the two apart."""
+    log = arm.make_log(("encoder_offset", {"where": "b"}, 0.2), noise=NOISE)
+    data = arm.data_of(log, tmp_path)
+    labels = ["encoder_offset.b", "log.offset.ctrl.qpos.b"]
+    judgement = Judge(data).judge(Vocabulary(data, only=labels))
+    assert judgement.verdict == "explained"
+    assert judgement.best.label == labels[0]
+    assert labels[1] in {fit.label for fit in judgement.rivals}
