@@ -57,7 +57,7 @@ def drive(
     command = [
         *(browser, "--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr"),
         *("--window-size=1200,900", f"--user-data-dir={folder / 'profile'}"),
-        *("--virtual-time-budget=20000", "--dump-dom"),
+        *("--virtual-time-budget=200000", "--dump-dom"),
         *(["--blink-settings=preferredColorScheme=0"] if dark else []),
         page.as_uri(),
     ]
@@ -266,7 +266,7 @@ def test_what_is_shown_can_be_saved(page: Any) -> None:
         HTMLAnchorElement.prototype.click = function () { saved.name = this.download; };
         const take = async (id) => {
           saved.name = null; $(id).click();
-          for (let tries = 0; !saved.name && tries < 50; tries++) await later(100);
+          for (let tries = 0; !saved.name && tries < 1000; tries++) await later(100);
           return [saved.name, saved.blob];
         };
         const [csv, table] = await take("csv"), [json, answer] = await take("json");
