@@ -17,7 +17,8 @@ from hardware.log import READING, Log
 from sim2real.diagnosis.data.noise_floor import step_of
 from sim2real.diagnosis.data.pairs import Pairs, index_of, joints_of, name_of, unit_of, which
 from sim2real.diagnosis.data.windows import reversals
-from sim2real.diagnosis.preflight.servo_signals import check_duties, check_speeds
+from sim2real.diagnosis.preflight.duties import check_duties
+from sim2real.diagnosis.preflight.speeds import check_speeds
 from sim2real.diagnosis.preflight.torques import check_torques
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, TINY, Channels, Settings

@@ -71,7 +71,7 @@ def test_a_cause_that_is_numerics_is_told_and_not_written(
     assert [one.effect for one in tested.report.causes] == list(said)
 
 
-@pytest.mark.parametrize(("check", "files"), [("degrees", 2), ("rate", 2), ("gaps", 4)])
+@pytest.mark.parametrize(("check", "files"), [("range", 2), ("rate", 2), ("gaps", 4)])
 def test_a_log_that_contradicts_itself_makes_no_effects(
     tmp_path: Path, found: Diagnosis, check: str, files: int
 ) -> None:
