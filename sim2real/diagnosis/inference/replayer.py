@@ -347,7 +347,6 @@ def _stacked(replayer: Replayer, logs: Sequence[_Mended]) -> Simulator:
         data,
         logs=tuple(one for log in logs for one in log.logs),
         windows=tuple(windows),
-        fold=np.tile(data.fold, len(logs)),
         mask=np.tile(data.mask, (len(logs), 1)),
         measured=np.concatenate([log.measured for log in logs]),
     )

@@ -68,14 +68,10 @@ def _reading(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
 def _rate(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Irregular stamps, gaps, and a rate other than the metadata say."""
     limits = settings.channels
-    uneven, gaps, wrong, unit = [], [], [], []
+    uneven, gaps, wrong = [], [], []
     for log, _ in pairs:
         steps = np.concatenate([np.diff(part.time) for part in log.episodes()])
         middle = float(np.median(steps))
-        if middle > limits.slowest_s or middle < limits.fastest_s:
-            factor = MILLI if middle > limits.slowest_s else 1 / MILLI
-            unit.append((log, middle, factor))
-            continue
         usual = np.percentile(np.abs(steps - middle), limits.jitter_percentile)
         if usual > limits.jitter * middle:
             uneven.append((log, f"{middle / MILLI:.3g} ms ± {steps.std() / MILLI:.2g} ms"))
@@ -85,15 +81,6 @@ def _rate(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
         said = log.meta.get("rate")
         if isinstance(said, int | float) and abs(middle * said - 1) > limits.rate_error:
             wrong.append((log, middle * said, said))
-    if unit:
-        _, middle, factor = unit[0]
-        yield Finding(
-            "rate",
-            None,
-            f"The rows are {middle:.4g} s apart{which(unit, pairs)}: `time` does not look like "
-            "seconds.",
-            f"Multiply `time` by {factor:g}, or by what its unit needs.",
-        )
     if wrong:
         ratio, said = float(np.median([w[1] for w in wrong])), wrong[0][2]
         yield Finding(

@@ -20,8 +20,8 @@ class Channels:
         3.0, "1", "encoder counts that a joint moves around a repeated reading", JUDGED
     )
     count_min: float = setting(1e-6, "rad", "an encoder count is taken as at least this", JUDGED)
-    slowest_s: float = setting(0.5, "s", "longer intervals are in another unit", THOUSAND)
-    fastest_s: float = setting(1e-4, "s", "shorter intervals are in another unit", THOUSAND)
+    slowest_s: float = setting(0.5, "s", "longer intervals are refused", THOUSAND)
+    fastest_s: float = setting(1e-4, "s", "shorter intervals are refused", THOUSAND)
     sparse: float = setting(100.0, "times", "an episode's time over that of its rows", THOUSAND)
     rate_error: float = setting(0.1, "1", "disagreement of `rate` and the stamps", JUDGED)
     still_rad: float = setting(0.05, "rad", "a hinge that moves less is not judged", JUDGED)

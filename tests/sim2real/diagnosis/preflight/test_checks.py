@@ -144,11 +144,6 @@ def test_metadata_and_stamps_that_disagree_are_named() -> None:
     assert "multiply `time` by 0.5" in fixes["rate", None]
 
 
-def test_milliseconds_are_named() -> None:
-    """Stamps that count milliseconds are no seconds."""
-    assert "0.001" in named(changed(make_log(), ["time"], 1000.0))["rate", None]
-
-
 def test_the_duty_law_gives_the_gain() -> None:
     """Half the duty for each rad of error: half the model's gain."""
     log = changed(make_log(), ["sensor.duty_a"], 0.5)
