@@ -1,13 +1,11 @@
-"""Logs cut into windows: what a diagnosis fits to, and what it keeps to be judged by.
+"""Logs cut into windows: what a diagnosis and a comparison replay.
 
     data = Data.of(read_logs("logs/"), model="arm.xml")
-    data.measured, data.mask, data.fold         # (W, T, M), (W, T), (W,)
+    data.measured, data.mask                    # (W, T, M), (W, T)
 
 A window is a piece of an episode, replayed from the measured state at its start; its first moments
-are simulated and not compared (`WARM`), so that neither a rough start velocity nor a command on its
-way counts. Windows start where the robot is calm. Two folds share them: whole episodes where there
-are several, else stretches of seconds, and each fold gets the same mixture of calm and lively
-ones, with and without torque. What is fitted to one fold is judged by the other.
+are simulated and not compared (`warm_s`), so that neither a rough start velocity nor a command on
+its way counts. Windows start where the robot is calm.
 """
 
 from __future__ import annotations
@@ -30,7 +28,7 @@ from sim2real.diagnosis.data.recording import (
     load_model,
     with_bus_delay,
 )
-from sim2real.diagnosis.data.refuse import refuse_loose_base, refuse_slow, refuse_sparse
+from sim2real.diagnosis.data.refuse import refuse_clock, refuse_loose_base, refuse_sparse
 from sim2real.diagnosis.data.states import with_states
 from sim2real.diagnosis.data.windows import Joint, Window, cut
 from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
@@ -47,7 +45,6 @@ class Data:
         models: each spec, compiled.
         joints: M compared positions.
         windows: W of them.
-        fold: 0 or 1 for each window, (W,).
         mask: which rows are compared, (W, T).
         measured: (W, T, M).
         settings: the settings of this and all later stages.
@@ -59,7 +56,6 @@ class Data:
     models: tuple[mujoco.MjModel, ...]
     joints: tuple[Joint, ...]
     windows: tuple[Window, ...]
-    fold: np.ndarray
     mask: np.ndarray
     measured: np.ndarray
     settings: Settings = DEFAULT
@@ -88,7 +84,7 @@ class Data:
         joints = _joints(logs, [models[i] for i in which], settings)
         for log, index in zip(logs, which, strict=True):
             refuse_loose_base(log, models[index], [joint.name for joint in joints])
-        _refuse_clock(logs, settings)
+        _refuse_short(logs, settings)
         _refuse_still(logs, joints, settings)
         windows = cut(logs, which, models, joints, settings.windows)
         longest = max(len(w.measured) for w in windows)
@@ -100,7 +96,6 @@ class Data:
             tuple(models),
             tuple(joints),
             tuple(windows),
-            _folds(windows, settings),
             mask,
             measured,
             settings,
@@ -168,7 +163,6 @@ class Data:
         return replace(
             self,
             windows=tuple(windows),
-            fold=_folds(windows, self.settings),
             mask=_masks(windows, longest),
             measured=np.array([_padded(w.measured, longest) for w in windows]),
             nuisance=None,
@@ -179,7 +173,6 @@ class Data:
         return replace(
             self,
             windows=tuple(self.windows[i] for i in chosen),
-            fold=self.fold[chosen],
             mask=self.mask[chosen],
             measured=self.measured[chosen],
             nuisance=None if self.nuisance is None else self.nuisance.only(chosen),
@@ -269,11 +262,11 @@ def _joints(
     return found
 
 
-def _refuse_clock(logs: Sequence[Log], settings: Settings) -> None:
+def _refuse_short(logs: Sequence[Log], settings: Settings) -> None:
     """Raise Sim2RealError if logs are not in seconds, or too short for any interval."""
     least = settings.dataset.seconds_min
     for log in logs:
-        refuse_slow(log, settings)
+        refuse_clock(log, settings)
         refuse_sparse(log, settings)
     total = sum(float(part.time[-1] - part.time[0]) for log in logs for part in log.episodes())
     if total < least:
@@ -294,27 +287,3 @@ def _refuse_still(logs: Sequence[Log], joints: Sequence[Joint], settings: Settin
             f"{place}: {names} never moved enough to be diagnosed; record motions with reversals "
             "and several speeds (run=record)"
         )
-
-
-def _folds(windows: Sequence[Window], settings: Settings = DEFAULT) -> np.ndarray:
-    """Return 0 or 1 for each window: like with like, in the order 0 1 1 0.
-
-    Those without torque are dealt by themselves, so that of two of them each fold gets one.
-    """
-    episodes = list(dict.fromkeys((w.log, w.episode) for w in windows))
-    whole = len(episodes) >= settings.dataset.whole_episodes_min
-    groups = episodes if whole else list(range(len(windows)))
-    key = [(w.log, w.episode) if whole else i for i, w in enumerate(windows)]
-
-    def mean(group: object, trait: str) -> float:
-        return float(
-            np.mean([getattr(w, trait) for w, k in zip(windows, key, strict=True) if k == group])
-        )
-
-    side, off = {}, settings.dataset.off_share
-    for free in (False, True):
-        own = [group for group in groups if (mean(group, "off") > off) == free]
-        turns = (1, 0, 0, 1) if free else (0, 1, 1, 0)
-        for place, group in enumerate(sorted(own, key=lambda group: mean(group, "lively"))):
-            side[group] = turns[place % len(turns)]
-    return np.array([side[k] for k in key])

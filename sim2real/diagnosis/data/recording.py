@@ -31,6 +31,7 @@ from sim2real.runs.errors import Sim2RealError
 Columns = Mapping[str, np.ndarray]
 LINEAR = 1  # how MuJoCo's delay lines interpolate
 FINEST, COARSEST = 1e-5, 0.1  # s: timesteps that a robot's motion can be simulated with
+SPARE = 2  # samples of a delayed actuator beyond those that its delay lasts
 
 
 def load_model(log: Log, model: str | Path | None) -> mujoco.MjSpec:
@@ -76,7 +77,7 @@ def with_bus_delay(spec: mujoco.MjSpec, log: Log) -> mujoco.MjSpec:
     """
     delay, spec = log.meta.get("command_delay", 0.0), spec.copy()
     if isinstance(delay, int | float) and delay > 0:
-        samples = math.ceil(delay / spec.option.timestep) + 2
+        samples = math.ceil(delay / spec.option.timestep) + SPARE
         for actuator in spec.actuators:
             if actuator.delay == 0:
                 actuator.delay, actuator.interp = float(delay), LINEAR
@@ -89,7 +90,7 @@ def shorten(spec: mujoco.MjSpec, times: int) -> None:
     spec.option.timestep /= times
     for actuator in spec.actuators:
         if actuator.delay > 0:
-            samples = math.ceil(actuator.delay / spec.option.timestep) + 2
+            samples = math.ceil(actuator.delay / spec.option.timestep) + SPARE
             actuator.nsample = max(actuator.nsample, samples)
 
 

@@ -11,6 +11,7 @@ from sim2real.diagnosis.settings import DEFAULT, Settings
 from sim2real.runs.errors import Sim2RealError
 
 FREE = int(mujoco.mjtJoint.mjJNT_FREE)
+THOUSAND = 1000.0  # milliseconds in a second
 
 
 def refuse_loose_base(log: Log, model: mujoco.MjModel, joints: Sequence[str]) -> None:
@@ -35,14 +36,15 @@ def refuse_loose_base(log: Log, model: mujoco.MjModel, joints: Sequence[str]) ->
             )
 
 
-def refuse_slow(log: Log, settings: Settings = DEFAULT) -> None:
+def refuse_clock(log: Log, settings: Settings = DEFAULT) -> None:
     """Raise Sim2RealError for a log whose `time` can be no seconds: a replay would take hours."""
-    most = settings.channels.slowest_s
+    least, most = settings.channels.fastest_s, settings.channels.slowest_s
     step = float(np.median(np.concatenate([np.diff(part.time) for part in log.episodes()])))
-    if step > most:
+    if not least <= step <= most:
+        factor = THOUSAND if step < least else 1 / THOUSAND
         raise Sim2RealError(
-            f"{log.path or 'the log'}: its rows are {step:.4g} s apart, more than {most:g} s; "
-            "`time` is in seconds, multiply it by 0.001 if it is in ms"
+            f"{log.path or 'the log'}: its rows are {step:.4g} s apart, not {least:g} to {most:g} "
+            f"s; `time` is in seconds, multiply it by {factor:g} or by what its unit needs"
         )
 
 

@@ -29,7 +29,7 @@ from sim2real.diagnosis.data.recording import (
     to_recording,
     with_bus_delay,
 )
-from sim2real.diagnosis.data.refuse import refuse_slow, refuse_sparse
+from sim2real.diagnosis.data.refuse import refuse_clock, refuse_sparse
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.figures import COLOURS, INK, figure
 from sim2real.runs.files import write_text
@@ -92,7 +92,7 @@ def _of_one_model(
     model = spec.copy().compile()
     for log in logs:
         check_log(log, model)
-        refuse_slow(log)
+        refuse_clock(log)
         refuse_sparse(log)
     delayed = with_laws(with_bus_delay(switchable(spec), logs[0]), logs[0])
     model = delayed.copy().compile()

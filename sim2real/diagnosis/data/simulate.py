@@ -43,6 +43,11 @@ ACTUATORS = tuple(
     f"actuator_{name}" for name in ("gainprm", "biasprm", "forcerange", "damping", "delay")
 )
 BYTES = 8  # of a number
+# Memory and processes, which no number of an answer depends on.
+BATCH = 5e7  # bytes of one batch
+MEMORY = 1e8  # bytes of the rows that fits come back to
+SHARED = 24  # rows from which processes share what Python steps
+SHARE = 192  # rows of such a share, at most
 T = TypeVar("T")
 
 
@@ -114,7 +119,7 @@ class Simulator:
         self.data, self.fixed, self.threads, self.on_run = data, tuple(fixed), threads, on_run
         self.settings = data.settings.simulation
         self.heat = Heat(data, self._paths)
-        self.memory = Memory(self.settings.memory_bytes)
+        self.memory = Memory(MEMORY)
         self.work = Work() if work is None else work
         self._models = [_Lean.of(spec) for spec in data.specs] if models is None else models
         self._length = data.mask.shape[1]
@@ -188,8 +193,7 @@ class Simulator:
         others side by side.
         """
         large = [
-            len(run.windows) >= self.settings.shared_rows
-            and not self._is_stepped(run.effects, model)
+            len(run.windows) >= SHARED and not self._is_stepped(run.effects, model)
             for model, run in (task.args for task in tasks)
         ]
         shared = [task for task, alone in zip(tasks, large, strict=True) if not alone]
@@ -205,12 +209,12 @@ class Simulator:
 
     def _shares(self, effects: Sequence[Effect], model: int, rows: np.ndarray) -> list[np.ndarray]:
         """Return rows (n,) in as many shares as there are processes, where that saves time."""
-        few = len(rows) < self.settings.shared_rows
+        few = len(rows) < SHARED
         if few or not is_free() or not self._is_stepped(effects, model):
             return [rows]
-        hands, limits = self.threads or cores(), self.settings
-        count = hands * int(np.ceil(len(rows) / (hands * limits.share_rows)))
-        most = 2 * len(rows) // limits.shared_rows
+        hands = self.threads or cores()
+        count = hands * int(np.ceil(len(rows) / (hands * SHARE)))
+        most = 2 * len(rows) // SHARED
         return np.array_split(rows, min(count, most))  # few effects in each
 
     def _is_stepped(self, effects: Sequence[Effect], model: int) -> bool:
@@ -229,9 +233,7 @@ class Simulator:
     def _pieces(self, windows: np.ndarray, model: int) -> int:
         steps = max(self._plans[i].schedule.steps for i in windows)
         width = self.data.models[model].nq + self.data.models[model].nu
-        return max(
-            1, int(np.ceil(len(windows) * steps * width * BYTES / self.settings.batch_bytes))
-        )
+        return max(1, int(np.ceil(len(windows) * steps * width * BYTES / BATCH)))
 
     def _plant(self, effects: Sequence[Effect], model: int, rows: int) -> Plant:
         alone = is_helper() or self._is_stepped(effects, model)

@@ -1,4 +1,4 @@
-"""Short replays of pieces of logs, many at once, under corrections or effects.
+"""Short replays of pieces of logs, many at once.
 
     pieces = choose(logs, seconds=5.0, most=4)          # where every joint moves
     paths = trial(spec, [piece.recording(model) for piece in pieces])
@@ -9,12 +9,11 @@ Each recording is one row; rows that diverge are NaN from there on.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-from envs.effects import Effect
 from envs.plant import Fixed, Plant
 from envs.replay import Recording, schedule, simulate, switchable
 from envs.replay.recording import ROUNDING
@@ -47,12 +46,6 @@ class Piece:
     def recording(self, model: mujoco.MjModel) -> Recording:
         """Return the piece in the order of a model's joints and actuators."""
         return to_recording(self.log, model, self.before)
-
-    def changed(self, columns: dict[str, np.ndarray]) -> Piece:
-        """Return the piece with other columns; start speeds follow the positions."""
-        kept = {n: c for n, c in self.log.columns.items() if not n.startswith("qvel.")}
-        log = Log({**kept, **columns}, self.log.meta, self.log.path)
-        return replace(self, log=log, before={})
 
 
 def piece(log: Log, number: int, first: int, last: int) -> Piece:
@@ -115,19 +108,13 @@ def choose(logs: Sequence[Log], seconds: float, most: int) -> list[Piece]:
 
 
 def trial(
-    spec: mujoco.MjSpec,
-    recordings: Sequence[Recording],
-    effects: Sequence[Effect] = (),
-    values: np.ndarray | None = None,
-    fixed: Sequence[Fixed] = (),
+    spec: mujoco.MjSpec, recordings: Sequence[Recording], fixed: Sequence[Fixed] = ()
 ) -> list[np.ndarray]:
-    """Replay recordings side by side, in rows that may differ in the effects' values.
+    """Replay recordings side by side.
 
     Args:
         spec: the model.
         recordings: N of them.
-        effects: what may differ from the model.
-        values: the values of the effects' parameters in each row, (N, P).
         fixed: effects that every row has.
 
     Returns:
@@ -139,9 +126,8 @@ def trial(
     size = len(plans) * max(plan.steps for plan in plans) * width * BYTES  # bytes
     paths: list[np.ndarray] = []
     for chunk in np.array_split(np.arange(len(plans)), int(np.ceil(size / LARGEST))):
-        plant = Plant(plant_spec, effects, len(chunk), fixed=fixed)
-        if values is not None:
-            plant.set_params(np.arange(len(chunk)), values[chunk])
-        motion = simulate(plant, [plans[i] for i in chunk])
+        motion = simulate(
+            Plant(plant_spec, num_rows=len(chunk), fixed=fixed), [plans[i] for i in chunk]
+        )
         paths += [motion.at_rows(k, recordings[i]) for k, i in enumerate(chunk)]
     return paths

@@ -118,8 +118,8 @@ def menu(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> list[Ite
 
 
 def _lower_gain(robot: Robot, settings: Limits) -> int:
-    usual = settings.gain_register
-    gains = [robot.registers_of(servo).get("position_p_gain", usual) for servo in robot.servos]
+    known = [{**servo.type.defaults, **robot.registers_of(servo)} for servo in robot.servos]
+    gains = [registers["position_p_gain"] for registers in known]
     return max(1, round(settings.gain * float(np.median(gains))))
 
 

@@ -16,9 +16,8 @@ squared noise, as far as it counts) by its time.
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -26,7 +25,7 @@ import numpy as np
 from envs.effects.servo import is_joint_servo
 from envs.plant import Fixed
 from envs.replay import Recording
-from hardware.config import BusSettings, Robot, Servo, Supply
+from hardware.config import NO_MODEL, Robot, load_robot
 from hardware.excite import ExcitationPlan, excite
 from sim2real.diagnosis.data.noise_floor import rounding
 from sim2real.diagnosis.data.pairs import is_scalar
@@ -196,12 +195,12 @@ def _looked_at(
 
 
 def stand_in(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> Robot:
-    """Return a robot that has a servo for each position actuator of a model.
+    """Return a known robot with a servo for each position actuator of a model in place of its own.
 
     Raises:
         Sim2RealError: the model has none.
     """
-    model, limits = spec.copy().compile(), settings
+    model, known = spec.copy().compile(), load_robot(settings.robot)
     servos = []
     for i in range(model.nu):
         if is_joint_servo(model, i):
@@ -210,15 +209,13 @@ def stand_in(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> Robo
                 model.actuator_ctrlrange[i] if model.actuator_ctrllimited[i] else None,
                 model.jnt_range[joint] if model.jnt_limited[joint] else None,
             ]
-            low, high = next((r for r in ranges if r is not None), (-limits.reach, limits.reach))
-            name = model.actuator(i).name
-            about = (limits.servo, 1, limits.zero_count, (float(low), float(high)), limits.fastest)
-            servos.append(Servo(name, len(servos), *about, None))
+            own = known.servos[0]
+            low, high = next((r for r in ranges if r is not None), own.position)
+            ends, name = (float(low), float(high)), model.actuator(i).name
+            servos.append(replace(own, name=name, id=len(servos), position=ends))
     if not servos:
         raise Sim2RealError("the model has no position actuator that an experiment could move")
-    bus, supply = BusSettings(limits.baud, 0.0, limits.answer_s), Supply(limits.supply_v, 0.0)
-    rest = (limits.rate_hz, 0.0, 0.0, limits.reach, limits.margin, supply)
-    return Robot("model", Path(), tuple(servos), {}, bus, *rest)
+    return replace(known, name="model", model=NO_MODEL, servos=tuple(servos))
 
 
 def _noise(spec: mujoco.MjSpec, floor: Mapping[str, float], settings: Limits) -> dict[int, float]:

@@ -21,7 +21,7 @@ from envs.plant import Fixed
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.noise_floor import reading_noise
-from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.data.simulate import BATCH, Simulator
 from sim2real.diagnosis.data.starts import faster, further, start_errors
 from sim2real.diagnosis.data.windows import Window, cut_one
 from sim2real.diagnosis.data.work import Work
@@ -130,7 +130,7 @@ class Replayer:
     def _together(self) -> int:
         """How many windows are replayed in one call, by the memory of their errors."""
         size = self.data.mask.shape[1] * len(self.noise) * self.noise.itemsize
-        return max(int(self.data.settings.simulation.batch_bytes / size), 1)
+        return max(int(BATCH / size), 1)
 
     def replay(self, jobs: Sequence[Job]) -> list[Replay]:
         """Return what each job comes to; jobs share batches, those with changed logs theirs."""
@@ -353,7 +353,6 @@ def _stacked(replayer: Replayer, logs: Sequence[_Mended]) -> Simulator:
         data,
         logs=tuple(one for log in logs for one in log.logs),
         windows=tuple(windows),
-        fold=np.tile(data.fold, len(logs)),
         mask=np.tile(data.mask, (len(logs), 1)),
         measured=np.concatenate([log.measured for log in logs]),
     )

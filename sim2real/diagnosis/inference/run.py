@@ -77,8 +77,7 @@ def find_causes(about: About) -> Causes:
             data = about.restart(merge_effects(about.fixed, found))
             baseline, judgement = _judge(about, data)
         made = make_conclusion(judgement, baseline, about.rng)
-    judge = judgement.judge
-    return Causes(replace(judge.data, fold=judge.fold), baseline, judgement, made)
+    return Causes(judgement.judge.data, baseline, judgement, made)
 
 
 def _judge(about: About, data: Data) -> tuple[Baseline, Judgement]:

@@ -17,7 +17,8 @@ from hardware.log import READING, Log
 from sim2real.diagnosis.data.noise_floor import step_of
 from sim2real.diagnosis.data.pairs import Pairs, index_of, joints_of, name_of, unit_of, which
 from sim2real.diagnosis.data.windows import reversals
-from sim2real.diagnosis.preflight.servo_signals import check_duties, check_speeds
+from sim2real.diagnosis.preflight.duties import check_duties
+from sim2real.diagnosis.preflight.speeds import check_speeds
 from sim2real.diagnosis.preflight.torques import check_torques
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, TINY, Channels, Settings
@@ -67,14 +68,10 @@ def _reading(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
 def _rate(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Irregular stamps, gaps, and a rate other than the metadata say."""
     limits = settings.channels
-    uneven, gaps, wrong, unit = [], [], [], []
+    uneven, gaps, wrong = [], [], []
     for log, _ in pairs:
         steps = np.concatenate([np.diff(part.time) for part in log.episodes()])
         middle = float(np.median(steps))
-        if middle > limits.slowest_s or middle < limits.fastest_s:
-            factor = MILLI if middle > limits.slowest_s else 1 / MILLI
-            unit.append((log, middle, factor))
-            continue
         usual = np.percentile(np.abs(steps - middle), limits.jitter_percentile)
         if usual > limits.jitter * middle:
             uneven.append((log, f"{middle / MILLI:.3g} ms ± {steps.std() / MILLI:.2g} ms"))
@@ -84,15 +81,6 @@ def _rate(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
         said = log.meta.get("rate")
         if isinstance(said, int | float) and abs(middle * said - 1) > limits.rate_error:
             wrong.append((log, middle * said, said))
-    if unit:
-        _, middle, factor = unit[0]
-        yield Finding(
-            "rate",
-            None,
-            f"The rows are {middle:.4g} s apart{which(unit, pairs)}: `time` does not look like "
-            "seconds.",
-            f"Multiply `time` by {factor:g}, or by what its unit needs.",
-        )
     if wrong:
         ratio, said = float(np.median([w[1] for w in wrong])), wrong[0][2]
         yield Finding(
@@ -299,16 +287,18 @@ def _saturated(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray:
 
 
 def _force(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray | None:
-    """Return the force of the model's position servo at a log's errors and speeds, (T,).
+    """Return the force of the model's position servo at a log's errors, (T,).
 
-    Speeds that are not logged count as none. None: it is no position servo, or was not measured.
+    Speeds are the changes of positions: a speed's own column may have another unit. None: it is no
+    position servo, or was not measured.
     """
     joint = model.joint(int(model.actuator_trnid[index, 0])).name
     gain, (_, stiff, damping) = model.actuator_gainprm[index, 0], model.actuator_biasprm[index, :3]
     if stiff == 0 or f"qpos.{joint}" not in log.columns:
         return None
-    error = log.column(f"ctrl.{model.actuator(index).name}") - log.column(f"qpos.{joint}")
-    return gain * error + damping * log.columns.get(f"qvel.{joint}", np.zeros(len(log)))
+    position = log.column(f"qpos.{joint}")
+    error = log.column(f"ctrl.{model.actuator(index).name}") - position
+    return gain * error + damping * np.gradient(position, log.time)
 
 
 def _resolution(pairs: Pairs, settings: Settings) -> Iterator[Finding]:

@@ -8,7 +8,6 @@ tell what the sensors are like.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -24,14 +23,8 @@ from sim2real.diagnosis.settings import DEFAULT, Settings
 
 Check = Callable[[Sequence[Log], Sequence[mujoco.MjModel]], Iterable[Finding]]
 __all__ = ["NOTES", "noise_floor", "preflight"]
-GRAVE = ("degrees",)  # makes other checks of the same joint meaningless
-BLOCKING = (*GRAVE, "range", "rate", "no_command")  # such a log says nothing of the robot
-WRONG = (*BLOCKING, "zero")  # no lag is measured in a log with these
-ORDER = (*WRONG, "excitation")
-# A first-order filter is late: what says only that a speed is late follows from it.
-EXPLAINS = {"velocity_filter": "clock"}
-FOLLOWS = ("degrees", "range", "zero", "speed", "ctrlrange", "saturation")
-
+BLOCKING = ("range", "rate", "no_command")  # such a log says nothing of the robot
+ORDER = (*BLOCKING, "excitation")
 
 CHECKS: list[Check] = []  # those of users, after this project's own
 
@@ -65,13 +58,13 @@ def preflight(
     made = {id(spec): spec.copy().compile() for spec in specs}
     models = [made[id(spec)] for spec in specs]
     found = [*check_channels(logs, models, settings), *check_clocks(logs, settings.clocks)]
-    if not any(finding.check in WRONG for finding in found):
+    if not any(finding.check in BLOCKING for finding in found):
         found += check_lag(logs, specs, settings.lag)
     if not any(finding.check == "rate" for finding in found):
         found += _noise(logs, settings)
     found += check_unlogged(logs, specs, settings.unlogged)
     found += [finding for check in CHECKS for finding in check(logs, models)]
-    return sorted(_causes(_merged(found), _turned(models)), key=_rank)
+    return sorted(found, key=_rank)
 
 
 def _noise(logs: Sequence[Log], settings: Settings) -> list[Finding]:
@@ -94,45 +87,7 @@ def _noise(logs: Sequence[Log], settings: Settings) -> list[Finding]:
     return found
 
 
-def _turned(models: Sequence[mujoco.MjModel]) -> dict[str | None, str]:
-    """The joint that each actuator turns."""
-    return {
-        model.actuator(i).name: model.joint(int(model.actuator_trnid[i, 0])).name
-        for model in models
-        for i in range(model.nu)
-        if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
-    }
-
-
 def _rank(finding: Finding) -> int:
     if finding.check in ORDER:
         return ORDER.index(finding.check)
     return len(ORDER) + (finding.check in NOTES)
-
-
-def _causes(found: Sequence[Finding], turned: dict[str | None, str]) -> list[Finding]:
-    """Leave out what follows from a graver finding at the same place, or everywhere."""
-    grave = [finding for finding in found if finding.check in GRAVE]
-    everywhere = next((f for f in grave if f.where is None), None)
-    first = {turned.get(f.where, f.where): f for f in reversed(grave)}
-
-    def follows(finding: Finding) -> bool:
-        cause = everywhere or first.get(turned.get(finding.where, finding.where))
-        return finding.check in FOLLOWS and cause not in (None, finding)
-
-    explained = {(EXPLAINS[f.check], f.where) for f in found if f.check in EXPLAINS}
-    return [f for f in found if not follows(f) and (f.check, f.where) not in explained]
-
-
-def _merged(found: Sequence[Finding]) -> list[Finding]:
-    """Put what two checks say of one mistake at one place into one finding."""
-    merged: dict[tuple[str, str | None], Finding] = {}
-    for finding in found:
-        key = finding.check, finding.where
-        if key in merged and finding.check in ORDER:
-            evidence = finding.finding.partition(". ")[2] or finding.finding
-            both = f"{merged[key].finding} {evidence}"
-            merged[key] = replace(merged[key], finding=both)
-        else:
-            merged.setdefault(key, finding)
-    return list(merged.values())

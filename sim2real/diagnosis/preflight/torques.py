@@ -62,9 +62,9 @@ def _is_law(log: Log, model: mujoco.MjModel, actuator: str, column: str, setting
     if f"qpos.{joint}" not in log.columns:
         return False
     wanted = log.column(column)
-    if wanted.min() >= 0 or np.ptp(wanted) < TINY or len(log) < settings.duty_rows_min:
+    if wanted.min() >= 0 or np.ptp(wanted) < TINY or len(log) < settings.rows_min:
         return False
-    free = np.abs(wanted) < np.abs(wanted).max() * settings.clipped
+    free = np.abs(wanted) < np.abs(wanted).max() * settings.saturated
     ctrl, q = log.column(f"ctrl.{actuator}"), log.column(f"qpos.{joint}")
     speeds = [log.columns[n] for n in (f"qvel.{joint}",) if n in log.columns]
     if not speeds:

@@ -35,6 +35,7 @@ from sim2real.diagnosis.settings.preflight import (
     Lag,
     Obstruction,
     Servo,
+    Speeds,
     Unlogged,
 )
 
@@ -67,6 +68,7 @@ __all__ = [
     "Servo",
     "Settings",
     "Simulation",
+    "Speeds",
     "Unlogged",
     "Windows",
     "rows",
@@ -91,6 +93,7 @@ class Settings:
     bootstrap: Bootstrap = field(default_factory=Bootstrap)
     channels: Channels = field(default_factory=Channels)
     servo: Servo = field(default_factory=Servo)
+    speeds: Speeds = field(default_factory=Speeds)
     clocks: Clocks = field(default_factory=Clocks)
     lag: Lag = field(default_factory=Lag)
     checks: Checks = field(default_factory=Checks)

@@ -76,10 +76,6 @@ class Simulation:
 
     error_max: float = setting(10.0, "1", "error of what diverged, of the motion", JUDGED)
     spread_min: float = setting(1e-3, "rad", "least motion that this is taken of", JUDGED)
-    batch_bytes: float = setting(5e7, "B", "memory of one batch", COST)
-    memory_bytes: float = setting(1e8, "B", "memory of rows that fits come back to", COST)
-    shared_rows: int = setting(24, "1", "rows from which processes share Python laws", COST)
-    share_rows: int = setting(192, "1", "rows of such a share, at most", COST)
     strengths: tuple[float, ...] = setting(
         (0.5, 0.2, 0.07), "1", "strengths of motors whose heat is compared, falling", DEVELOPED
     )
@@ -92,7 +88,7 @@ class Simulation:
 
 @dataclass(frozen=True)
 class Dataset:
-    """Blocks, folds, and which joints moved."""
+    """Blocks, and which joints moved."""
 
     block_s: float = setting(1.0, "s", "errors further apart count as independent", DEVELOPED)
     still_counts: float = setting(
@@ -101,12 +97,6 @@ class Dataset:
     count_min: float = setting(1e-4, "rad", "an encoder count is taken as at least this", JUDGED)
     seconds_min: float = setting(
         1.0, "s", "recordings needed in all", "derived: a block of a second for an interval"
-    )
-    whole_episodes_min: int = setting(
-        4, "1", "episodes from which folds share no episode", "derived: two of each kind a fold"
-    )
-    off_share: float = setting(
-        0.02, "1", "share of the time without torque that makes a group of its own", JUDGED
     )
 
 

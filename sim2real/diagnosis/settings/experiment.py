@@ -30,23 +30,14 @@ class Experiment:
     past_most: int = setting(4, "1", "number of such pieces", JUDGED)
     fall_s: float = setting(2.0, "s", "time without torque in which a robot may fall", JUDGED)
     fallen: float = setting(0.5, "rad", "motion from which it has fallen over", JUDGED)
-    reach: float = setting(1.0, "rad", "range of an actuator without limits", JUDGED)
-    fastest: float = setting(8.0, "rad/s", "speed of a servo whose model gives none", JUDGED)
-    rate_hz: float = setting(50.0, "1/s", "rate of a robot known by its model alone", JUDGED)
-    servo: str = setting("xl330-m288", "", "servo of a robot known by its model alone", JUDGED)
-    zero_count: int = setting(2048, "1", "its middle position", "reference: Dynamixel X e-manual")
-    baud: int = setting(1_000_000, "1/s", "its bus", JUDGED)
-    answer_s: float = setting(0.001, "s", "its bus's time to answer", JUDGED)
-    margin: float = setting(0.1, "rad", "its distance from the limits", JUDGED)
-    supply_v: float = setting(5.0, "V", "its supply", "reference: XL330 e-manual")
+    robot: str = setting(
+        "bench1",
+        "",
+        "whose servo, bus, rate and supply a robot has of which only the model is known",
+        "convention: a desk-top servo",
+    )
     edge: float = setting(0.05, "1", "part of the range too close to a limit to start from", JUDGED)
     gain: float = setting(0.5, "1", "factor of the P gain", JUDGED)
-    gain_register: int = setting(
-        800,
-        "1",
-        "P gain register unless the robot's file gives one",
-        "reference: Dynamixel X e-manual, default",
-    )
     gain_s: float = setting(5.0, "s", "time to change a register", JUDGED)
     hand_s: float = setting(60.0, "s", "time to change something by hand", JUDGED)
     supply: float = setting(0.85, "1", "factor of the supply's voltage", JUDGED)

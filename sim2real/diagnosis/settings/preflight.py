@@ -20,8 +20,8 @@ class Channels:
         3.0, "1", "encoder counts that a joint moves around a repeated reading", JUDGED
     )
     count_min: float = setting(1e-6, "rad", "an encoder count is taken as at least this", JUDGED)
-    slowest_s: float = setting(0.5, "s", "longer intervals are in another unit", THOUSAND)
-    fastest_s: float = setting(1e-4, "s", "shorter intervals are in another unit", THOUSAND)
+    slowest_s: float = setting(0.5, "s", "longer intervals are refused", THOUSAND)
+    fastest_s: float = setting(1e-4, "s", "shorter intervals are refused", THOUSAND)
     sparse: float = setting(100.0, "times", "an episode's time over that of its rows", THOUSAND)
     rate_error: float = setting(0.1, "1", "disagreement of `rate` and the stamps", JUDGED)
     still_rad: float = setting(0.05, "rad", "a hinge that moves less is not judged", JUDGED)
@@ -41,15 +41,32 @@ class Channels:
 
 
 @dataclass(frozen=True)
-class Servo:
-    """What speed and duty registers must agree with."""
+class Speeds:
+    """What speed registers must agree with."""
 
-    zero: float = setting(0.03, "rad", "offset of commands and readings worth a finding", JUDGED)
+    ratio: tuple[float, float] = setting(
+        (0.85, 1.18), "1", "ratios of speed register and slope that agree", JUDGED
+    )
+    share: float = setting(
+        0.8, "1", "share of the position's variance that a speed must explain", JUDGED
+    )
+    offset_s: float = setting(
+        2e-3,
+        "s",
+        "delay of a speed against its position worth a finding",
+        "measured: below it logs of the emulator's own speed registers scatter",
+    )
+    sigmas: float = setting(4.0, "1", "standard errors that a delay must exceed", JUDGED)
+    reach_s: float = setting(0.25, "s", "largest delay looked for", JUDGED)
+    rows_min: int = setting(20, "1", "rows of an episode below which no speed law", JUDGED)
+
+
+@dataclass(frozen=True)
+class Servo:
+    """What duty and torque registers must agree with."""
+
     computed: float = setting(
         3e-3, "1", "what a law leaves of a torque that was computed, of its spread", JUDGED
-    )
-    clipped: float = setting(
-        0.98, "1", "torques above this share of the largest are clipped", JUDGED
     )
     law_residual: float = setting(
         0.03, "1", "share of the duty's variance that a law may leave", DEVELOPED
@@ -66,66 +83,29 @@ class Servo:
         "encoder counts",
         "reference: Dynamixel X e-manual, 4096 a turn",
     )
-    speed_ratio: tuple[float, float] = setting(
-        (0.85, 1.18), "1", "ratios of speed register and slope that agree", JUDGED
-    )
-    common_spread: float = setting(
-        0.15, "1", "spread of the joints' ratios that is one common rate", JUDGED
-    )
-    lag_s: float = setting(0.005, "s", "lag of the speed register worth a finding", JUDGED)
-    lags_s: tuple[float, float, float] = setting(
-        (-0.01, 0.1, 0.0025), "s", "lags tried: first, last, step", JUDGED
-    )
-    speed_share: float = setting(
-        0.8, "1", "share of the speed's power that the slope must explain", JUDGED
-    )
-    speed_rows_min: int = setting(20, "1", "rows of an episode below which no speed law", JUDGED)
-    smoothing_s: float = setting(0.06, "s", "window that both channels are averaged over", JUDGED)
-    smoothing_rows_min: int = setting(3, "1", "least rows of that window", JUDGED)
-    unit_ratio: tuple[float, float] = setting(
-        (0.8, 1.25), "1", "ratios of position and command gain that agree", JUDGED
-    )
-    gain_ratio: tuple[float, float] = setting(
-        (0.9, 1.1), "1", "ratios of real and model gain that agree", JUDGED
+    ratio: tuple[float, float] = setting(
+        (0.9, 1.1), "1", "ratios of real and model gain, of both columns' gains, that agree", JUDGED
     )
     duty_share_max: float = setting(
         1.5, "1", "larger duties are in register units", "derived: a share of full is at most 1"
     )
-    saturated_duty: float = setting(0.9, "1", "duties from here on are saturated", JUDGED)
-    duty_rows_min: int = setting(50, "1", "rows below which no duty law", JUDGED)
-    motion_min: float = setting(0.01, "rad", "standard deviation that a duty law needs", JUDGED)
+    saturated: float = setting(
+        0.9, "1", "duties, and torques over the largest, from here on are saturated", JUDGED
+    )
+    rows_min: int = setting(50, "1", "rows below which no duty or torque law", JUDGED)
 
 
 @dataclass(frozen=True)
 class Clocks:
     """When clocks contradict each other."""
 
-    offset_s: float = setting(
-        2e-3,
-        "s",
-        "offset of position and speed",
-        "measured: below it logs of the emulator's own speed registers scatter",
-    )
-    sigmas: float = setting(4.0, "1", "standard errors that an offset must exceed", JUDGED)
-    better: float = setting(
-        0.9,
-        "1",
-        "residual of a shifted speed, of that of a filtered one, below which it is a shift",
-        DEVELOPED,
-    )
+    sigmas: float = setting(4.0, "1", "standard errors that a drift must exceed", JUDGED)
     drift_ppm: float = setting(
         50.0, "ppm", "least drift named", "reference: a crystal's tolerance is 20 to 50 ppm"
     )
     log_s: float = setting(
         20.0, "s", "length of a log whose drift is examined", "derived: 200 ppm are then 4 ms"
     )
-    reach_s: float = setting(0.25, "s", "largest offset looked for", JUDGED)
-    rows_min: int = setting(20, "1", "rows below which speeds are not judged", JUDGED)
-    steps_max: int = setting(8, "1", "Gauss-Newton steps", COST)
-    settled_s: float = setting(1e-7, "s", "step at which they end", COST)
-    gain_min: float = setting(0.1, "1", "smaller gains of the speed are taken as 1", JUDGED)
-    fastest_s: float = setting(1e-3, "s", "shortest time constant of a filter tried", JUDGED)
-    filters: int = setting(25, "1", "time constants tried", COST)
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,7 @@ def test_a_cause_that_is_numerics_is_told_and_not_written(tmp_path, found, monke
     assert [one.effect for one in tested.report.causes] == list(said)
 
 
-@pytest.mark.parametrize(("check", "files"), [("degrees", 2), ("rate", 2), ("gaps", 4)])
+@pytest.mark.parametrize(("check", "files"), [("range", 2), ("rate", 2), ("gaps", 4)])
 def test_a_log_that_contradicts_itself_makes_no_effects(tmp_path, found, check, files) -> None:
     """The report is there and its last words say why nothing else is."""
     finding = Finding(check, "a", "It looks wrong.", "Mend it.")

@@ -128,7 +128,7 @@ def test_settings_cannot_be_changed_or_misspelled() -> None:
 
 
 def test_settings_reach_the_stages(tmp_path: Path) -> None:
-    """Data of other settings is cut into other blocks and folds."""
+    """Data of other settings is cut into other blocks."""
     (tmp_path / "arm.xml").write_text(arm.XML)
     log = arm.make_log(("coulomb_friction", {"where": "a"}, 0.1))
     blocks = []

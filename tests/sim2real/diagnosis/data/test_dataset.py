@@ -7,7 +7,7 @@ import pytest
 
 from envs.effects import make
 from hardware.log import Log
-from sim2real.diagnosis.data.dataset import Data, _folds
+from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.diagnosis import arm
@@ -22,10 +22,9 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Data:
 
 
 def test_windows_cover_the_log_once(data: Data) -> None:
-    """Every row is compared in exactly one window, and each window belongs to a fold."""
+    """Every row is compared in exactly one window."""
     rows = np.concatenate([np.arange(w.first, w.last) for w in data.windows])
     assert sorted(rows) == list(range(len(data.logs[0])))
-    assert set(data.fold) == {0, 1}
     assert data.mask.sum() == len(data.logs[0])
 
 
@@ -39,39 +38,6 @@ def test_the_last_bit_of_a_time_moves_no_window(data: Data, tmp_path: Path) -> N
             again = arm.data_of(Log(dict(log.columns) | {"time": time - time[0]}), tmp_path)
             for one, other in zip(data.windows, again.windows, strict=True):
                 assert one[:6] == other[:6]
-
-
-def test_folds_are_alike(data: Data) -> None:
-    """Neither fold has all the lively windows: both span calm and lively ones."""
-    lively = np.array([w.lively for w in data.windows])
-    middle = np.median(lively)
-    for fold in (0, 1):
-        own = lively[data.fold == fold]
-        assert own.min() <= middle <= own.max()
-
-
-@pytest.mark.parametrize("driven", range(14, 18))
-def test_each_fold_gets_a_window_without_torque(driven: int, data: Data) -> None:
-    """Two stretches of free swinging are dealt to one fold each, however many others there are."""
-    window = data.windows[0]
-    windows = [window._replace(off=0.0, lively=float(n)) for n in range(driven)]
-    windows += [window._replace(off=0.5, lively=0.5), window._replace(off=0.9, lively=30.0)]
-    fold = _folds(windows)
-    assert sorted(fold[driven:]) == [0, 1]
-    assert abs(2 * fold.sum() - len(fold)) <= 1
-
-
-def test_whole_episodes_are_kept_together(tmp_path: Path) -> None:
-    """With several episodes no episode is in both folds."""
-    parts = [arm.make_log(seconds=4.0, seed=seed) for seed in range(4)]
-    columns = {
-        name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns
-    }
-    columns["episode"] = np.repeat(np.arange(4), len(parts[0]))
-    data = arm.data_of(Log(columns), tmp_path)
-    for episode in range(4):
-        own = [f for w, f in zip(data.windows, data.fold, strict=True) if w.episode == episode]
-        assert len(set(own)) == 1
 
 
 def test_the_true_model_has_no_error(data: Data) -> None:
@@ -120,11 +86,14 @@ def test_joints_that_never_moved_are_named(tmp_path: Path) -> None:
     ("rows", "factor", "message"),
     [
         (10, 1.0, r"0.18 s of recordings are too short .* record a minute"),
-        (None, 1e3, "multiply it by"),
+        (None, 1e3, "multiply it by 0.001"),
+        (None, 1e-3, "multiply it by 1000"),
     ],
 )
-def test_a_log_that_can_show_nothing_is_refused(tmp_path, rows, factor, message) -> None:
-    """Ten rows have no interval, and rows 20 s apart are no seconds: neither is explained."""
+def test_a_log_that_can_show_nothing_is_refused(
+    tmp_path: Path, rows: int | None, factor: float, message: str
+) -> None:
+    """Ten rows have no interval; rows 20 s or 20 µs apart are no seconds: none is explained."""
     log = arm.make_log(seconds=4.0)
     columns = {name: values[:rows] for name, values in log.columns.items()}
     columns["time"] = factor * columns["time"]

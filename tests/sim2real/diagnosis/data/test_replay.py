@@ -66,8 +66,7 @@ def whole(data: Data) -> Data:
     )
     mask = np.array([window.usable for window in windows])
     measured = np.array([window.measured for window in windows])
-    folds = np.zeros(len(windows), int)
-    return replace(data, windows=windows, fold=folds, mask=mask, measured=measured)
+    return replace(data, windows=windows, mask=mask, measured=measured)
 
 
 def cases() -> Iterator[Any]:

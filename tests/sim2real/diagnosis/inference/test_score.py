@@ -30,6 +30,16 @@ def test_each_fold_sees_every_log_with_and_without_torque() -> None:
     assert fold[slow].mean() == pytest.approx(0.5, abs=0.15)
 
 
+@pytest.mark.parametrize("driven", range(14, 18))
+def test_each_fold_gets_a_window_without_torque(driven: int) -> None:
+    """Two stretches of free swinging are dealt to one fold each, however many others there are."""
+    windows = [window(0, n, float(n)) for n in range(driven)]
+    windows += [window(0, 90, 0.5, off=0.5), window(0, 91, 30.0, off=0.9)]
+    fold = deal_folds(windows)
+    assert sorted(fold[driven:]) == [0, 1]
+    assert abs(2 * fold.sum() - len(fold)) <= 1
+
+
 def test_bounds_hold_the_sum_as_often_as_they_say() -> None:
     """Of sums of normal differences with mean zero, five in a hundred lie above each bound."""
     settings, rng = Inference(), np.random.default_rng(0)
