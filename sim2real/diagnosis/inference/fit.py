@@ -5,8 +5,9 @@
 
 Damped Gauss-Newton steps (Levenberg and Marquardt) in the metric of the likelihood: where starts
 or usual errors explain a change as well, it moves nothing. Of several points each fold keeps the
-best before it refines; of two dampings, tried side by side, the better. The discrepancy's size is
-estimated anew at each trial, so that a step is judged by the density that decides.
+best before it refines; of two dampings, tried side by side, the better. Whole numbers move by one
+as long as that is better. The discrepancy's size is estimated anew at each trial, so that a step is
+judged by the density that decides.
 """
 
 from __future__ import annotations
@@ -99,8 +100,10 @@ class Fitter:
             rounds: steps at most; None: those of the settings.
         """
         states = self._begin(starts)
-        live = [state for state in states if state.hypothesis.smooth.any()]
         rounds = self.settings.rounds if rounds is None else rounds
+        if rounds:
+            self._walk(states)
+        live = [state for state in states if state.hypothesis.smooth.any()]
         for left in reversed(range(rounds)):
             live = self._step(live) if live else []
             best = max((state.density.sum() for state in states), default=0.0)
@@ -165,6 +168,24 @@ class Fitter:
         ]
         scale = [replay.log_scale[own].sum() for own in self.sides]
         return trained, np.array([one.density for one in trained]) + scale
+
+    def _walk(self, states: Sequence[_State]) -> None:
+        """Move each whole number by one as long as that is better, in place."""
+        live = [state for state in states if not state.hypothesis.smooth.all()]
+        while live:
+            trials = [
+                (state, state.hypothesis.clip(state.values + step * row))
+                for state in live
+                for row in np.eye(len(state.hypothesis.smooth))[~state.hypothesis.smooth]
+                for step in (-1.0, 1.0)
+            ]
+            trials = [(state, values) for state, values in trials if (values != state.values).any()]
+            jobs = [(state.hypothesis, values) for state, values in trials]
+            live = []
+            for (state, values), replay in zip(trials, self._replay(jobs), strict=True):
+                other = _State(state.hypothesis, values, replay, *self._train(replay))
+                if (state.take(other, self.fold) > BETTER).any() and state not in live:
+                    live.append(state)
 
     def _step(self, states: Sequence[_State]) -> list[_State]:
         """Take one step with each, and return those that may gain from another."""

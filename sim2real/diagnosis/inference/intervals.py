@@ -3,10 +3,11 @@
     ends, correlation = compute_intervals(judgement)            # (P, 2), (P, P)
 
 The curvature of the log density at the answer, (J' V^-1 J) with V the covariance of everything that
-nobody knows, is inverted together with the directions of the effects that are equivalent to a
-cause, each with its own prior width: what one of them may share, the interval says (profile
-likelihood, to second order; Pawitan 2001). Where the two folds disagree by more, that counts. To it
-comes that the model in which a value is found is itself off by the usual few per cent.
+nobody knows, usual errors at their full prior, is inverted together with the directions of the
+effects that are equivalent to a cause, each with its own prior width: what one of them may share,
+the interval says (profile likelihood, to second order; Pawitan 2001). Where the two folds disagree
+by more, that counts. To it comes that the law in which a value is found is itself off by the usual
+few per cent.
 """
 
 from collections.abc import Sequence
@@ -63,7 +64,7 @@ def compute_intervals(
     slopes = [(one.error - fit.own) / size for one, size in zip(made, safe, strict=True)]
     vectors = np.stack(slopes, axis=-1)
     curve = sum(
-        fitter.likelihood.curvature(trained, vectors, own)
+        fitter.likelihood.curvature(trained, vectors, own, tempered=False)
         for trained, own in zip(fit.trained, fitter.sides, strict=True)
     )
     covariance = np.linalg.inv(curve + np.diag(1 / np.square(prior)))[:count, :count]

@@ -120,8 +120,8 @@ class Likelihood:
         plain = rows * np.log(2 * np.pi * noise[:, None] ** 2)  # (M, W)
         self._log_det = np.log(scale).sum(axis=-1)[:, :, None] + plain
         self._local = local.shape[-1]
-        evidence = max(settings.temperature * int(rows.sum()) / FOLDS, 1.0)
-        directions = np.concatenate([local, common / np.sqrt(evidence)], axis=-1)
+        self._evidence = max(settings.temperature * int(rows.sum()) / FOLDS, 1.0)
+        directions = np.concatenate([local, common / np.sqrt(self._evidence)], axis=-1)
         self._turned = self._turn(np.where(used[..., None, None], directions, 0.0))
         weighed = self._turned[:, None] * self._inverse[..., None]  # (T, S, M, W, N, D)
         self._gram = np.swapaxes(weighed, -1, -2) @ self._turned[:, None]  # (T, S, M, W, D, D)
@@ -203,13 +203,20 @@ class Likelihood:
         share = FOLDS * self.used.sum(axis=1) / self.used.sum()
         return HALF * share * (trained.mean @ trained.mean)
 
-    def curvature(self, trained: Trained, vectors: np.ndarray, windows: np.ndarray) -> np.ndarray:
+    def curvature(
+        self,
+        trained: Trained,
+        vectors: np.ndarray,
+        windows: np.ndarray,
+        tempered: bool = True,
+    ) -> np.ndarray:
         """Return X' V^-1 X over some windows, V the covariance under a trained discrepancy, (P, P).
 
         Args:
             trained: the discrepancy.
             vectors: X, (W, N, M, P).
             windows: to sum over, (n,) indices.
+            tempered: whether the prior of the common errors keeps its weight against readings.
         """
         count = self._turned.shape[-1]
         some = np.where(self.used[windows][..., None, None], vectors[windows], 0.0)
@@ -222,7 +229,7 @@ class Likelihood:
             weight = self._inverse[time, own, joint, windows]
             gram += np.swapaxes(both * weight[..., None], -1, -2) @ both
         gram = _eliminated(gram, self._local).sum(axis=0)
-        return _eliminated(gram, count - self._local)
+        return _eliminated(gram, count - self._local, 1.0 if tempered else 1 / self._evidence)
 
     def _shifted(self, size: np.ndarray, shift: np.ndarray, cap: int | None = None) -> np.ndarray:
         """Return indices of sizes that windows' own shifts lead to."""
@@ -340,11 +347,11 @@ def _log_det(root: np.ndarray) -> np.ndarray:
     return 2 * np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1)
 
 
-def _eliminated(gram: np.ndarray, count: int) -> np.ndarray:
-    """Return products (..., P, P) with the first directions, of unit prior, integrated out."""
+def _eliminated(gram: np.ndarray, count: int, precision: float = 1.0) -> np.ndarray:
+    """Return products (..., P, P) with the first directions, of some prior, integrated out."""
     if not count:
         return gram
-    root = np.linalg.cholesky(gram[..., :count, :count] + np.eye(count))
+    root = np.linalg.cholesky(gram[..., :count, :count] + precision * np.eye(count))
     across = np.linalg.solve(root, gram[..., :count, count:])
     return gram[..., count:, count:] - np.swapaxes(across, -1, -2) @ across
 

@@ -3,8 +3,10 @@
     error, local, common = compute_unknowns(replayer, hypothesis, values)
 
 Each is one standard deviation of what it does to the errors, by finite differences under a
-hypothesis. Where a replay is further off than joints that stay, straight lines through it mean
-nothing: starts are then taken to move on freely, and no error of a parameter counts as usual.
+hypothesis. A robot's clock and its model's differ by part of a time step, by chance in each window
+and by as much in all of them. Where a replay is further off than joints that stay, straight lines
+through it mean nothing: starts are then taken to move on freely, and no error of a parameter counts
+as usual.
 """
 
 import numpy as np
@@ -37,7 +39,8 @@ def compute_unknowns(
     clock = rounding(step) * base.slope[..., None]  # a command acts at the next step
     starts = replayer.starts(hypothesis, values)
     local = np.concatenate([starts, clock, replayer.estimated], axis=-1)
-    common = _principal(replayer, replayer.usual(hypothesis, values))
+    usual = replayer.usual(hypothesis, values)
+    common = _principal(replayer, np.concatenate([usual, clock], axis=-1))
     return base.error, cap_directions(replayer, local), cap_directions(replayer, common)
 
 

@@ -60,6 +60,16 @@ def test_two_values_are_found_together(case: Case) -> None:
     assert fit.total > given.total + 1000
 
 
+def test_whole_numbers_go_on_while_that_is_better(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Commands are logged four rows late; the fit begins at two."""
+    log, rows = arm.make_log(seconds=8.0, noise=NOISE), 4
+    late = np.concatenate([np.full(rows, log.columns["ctrl.b"][0]), log.columns["ctrl.b"][:-rows]])
+    case = case_of(Log({**log.columns, "ctrl.b": late}), tmp_path_factory)
+    (shift,) = (c for c in list_log_changes(case.data) if c.label == "log.row_shift.ctrl.b")
+    (fit,) = case.fitter.fit([Start(Hypothesis((shift,)), shift.probes)])
+    assert fit.values.tolist() == [[rows], [rows]] and rows > shift.probes.max()
+
+
 def test_a_fit_that_cannot_reach_the_best_at_its_pace_goes_no_further(
     case: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:
