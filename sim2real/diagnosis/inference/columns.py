@@ -76,12 +76,18 @@ def find_jump(log: Log, name: str) -> tuple[float, float, float] | None:
     return float(turns[rows[0]]), float(log.time[rows[0]]), float(log.time[last - 1])
 
 
-def find_carriers(model: mujoco.MjModel, joints: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yield each joint with the one that carries it: an angle from the ground has both in it."""
+def find_bases(model: mujoco.MjModel, joints: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Yield each joint with those whose angle its own may have in it.
+
+    An angle from the ground has that of the joint that carries it; a formula's slip, that of the
+    column before it.
+    """
     of_body = {int(model.joint(name).bodyid[0]): name for name in joints}
+    found = list(zip(joints[1:], joints, strict=False))
     for body, name in of_body.items():
         above = int(model.body_parentid[body])
         while above and above not in of_body:
             above = int(model.body_parentid[above])
         if above:
-            yield name, of_body[above]
+            found.append((name, of_body[above]))
+    yield from dict.fromkeys(found)

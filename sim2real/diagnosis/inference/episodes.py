@@ -44,7 +44,7 @@ def follows_episodes(
         likelihood.train(likelihood.project(errors), replayer.every).density
         for errors in (made.error, replayer.holding())
     )
-    return follows + made.log_scale.sum() > stays
+    return follows > stays
 
 
 def cut_whole_episodes(data: Data) -> list[Window]:

@@ -48,7 +48,6 @@ class Fit:
         density: log density of each fold under its own values [nats], (2,).
         score: log predictive density of each window, given the other fold, less what the usual
             errors of the model cost [nats], (W,).
-        log_scale: of held-out readings, (W,); it is part of the score.
     """
 
     hypothesis: Hypothesis
@@ -58,7 +57,6 @@ class Fit:
     trained: tuple[Trained, ...]
     density: np.ndarray
     score: np.ndarray
-    log_scale: np.ndarray
 
     @property
     def total(self) -> float:
@@ -118,7 +116,7 @@ class Fitter:
     def of_path(self, errors: np.ndarray) -> Fit:
         """Return a null explanation, whose errors (W, N, M) are known, judged as a fit is."""
         none = Hypothesis(())
-        zero = Replay(errors, np.zeros_like(errors), np.zeros(len(errors)))
+        zero = Replay(errors, np.zeros_like(errors))
         state = _State(none, np.zeros((FOLDS, 0)), zero, *self._train(zero))
         return self._judge(state, zero)
 
@@ -131,7 +129,7 @@ class Fitter:
             other = self.sides[1 - side]
             predicted = self.likelihood.predict(projection, trained, most)
             score[other] = (predicted - self.likelihood.charge(trained))[other]
-        return score + fit.log_scale
+        return score
 
     def _begin(self, starts: Iterable[Start]) -> list[_State]:
         """Return each start at the best of its points."""
@@ -166,8 +164,7 @@ class Fitter:
             self.likelihood.train(projection, own, near=None if near is None else near[side])
             for side, own in enumerate(self.sides)
         ]
-        scale = [replay.log_scale[own].sum() for own in self.sides]
-        return trained, np.array([one.density for one in trained]) + scale
+        return trained, np.array([one.density for one in trained])
 
     def _walk(self, states: Sequence[_State]) -> None:
         """Move each whole number by one as long as that is better, in place."""
@@ -214,8 +211,7 @@ class Fitter:
         whole, short = state.values.copy(), state.values.copy()
         for side, own in enumerate(self.sides):
             products = self.likelihood.curvature(state.trained[side], vectors, own)
-            curve, down = products[1:, 1:], products[1:, 0].copy()
-            down -= [one.log_scale[own].sum() for one in slopes]
+            curve, down = products[1:, 1:], products[1:, 0]
             diagonal = np.diag(curve) + 1 / size**2
             for values, ratio in ((whole, 1.0), (short, self.settings.damping_ratio)):
                 damping = ratio * state.damping[side] + self.settings.ridge
@@ -269,7 +265,6 @@ class Fitter:
             projection = self.likelihood.project(errors)
             predicted = self.likelihood.predict(projection, state.trained[side])
             score[other] = (predicted - self.likelihood.charge(state.trained[side]))[other]
-        score += held.log_scale
         return Fit(
             state.hypothesis,
             state.values,
@@ -278,7 +273,6 @@ class Fitter:
             tuple(state.trained),
             state.density,
             score,
-            held.log_scale,
         )
 
     def _seen_from(self, side: int, own: np.ndarray, held: np.ndarray) -> np.ndarray:

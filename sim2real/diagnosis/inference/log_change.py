@@ -1,7 +1,6 @@
 """One thing that may be wrong with a log: its values, and the log without it."""
 
-import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -76,11 +75,3 @@ class LogChange:
     def first(self, values: np.ndarray) -> float:
         """Return the value that is reported."""
         return float(values[0]) if len(values) else self.value
-
-    def log_scale(self, values: np.ndarray) -> Mapping[str, float]:
-        """Return log |d mended reading / d reading| of the joints whose readings it scales.
-
-        Densities of readings as logged are compared: else shrinking them would make any model
-        right.
-        """
-        return {joint: -math.log(abs(self.first(values))) for joint in self.read}

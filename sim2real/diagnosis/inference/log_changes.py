@@ -40,7 +40,7 @@ from sim2real.diagnosis.inference.columns import (
     SPEED,
     TURN,
     Columns,
-    find_carriers,
+    find_bases,
     find_jump,
     map_episodes,
     shift_held,
@@ -80,7 +80,7 @@ def list_log_changes(data: Data) -> list[LogChange]:
             found += _of_joint(data.logs, joint, named)
     for one, other in combinations(joints, 2):
         found += _swaps(one, other, commands)
-    for joint, base in find_carriers(data.models[0], joints):
+    for joint, base in find_bases(data.models[0], joints):
         found += _maps(joint, base, commands)
     return found
 
@@ -328,7 +328,7 @@ def _swaps(one: str, other: str, commands: Mapping[str, str]) -> Iterator[LogCha
 
 
 def _maps(joint: str, base: str, commands: Mapping[str, str]) -> Iterator[LogChange]:
-    """Yield a joint's columns with so much of its carrier's in them, all of it from the ground."""
+    """Yield a joint's columns with so much of another's in them, all of it from the ground."""
     reading = {f"{READING}.{joint}": f"{READING}.{base}"}
     both = {commands[joint]: commands[base]} if {joint, base} <= set(commands) else {}
     for columns, pairs in (((READING,), reading), ((COMMAND, READING), reading | both)):

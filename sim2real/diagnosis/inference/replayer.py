@@ -2,10 +2,11 @@
 
     replayer = Replayer(data, fixed)
     (one,) = replayer.replay([Job(hypothesis, values, windows)])
-    one.error, one.log_scale                # (n, N, M) simulated minus measured, (n,)
+    one.error                               # (n, N, M) simulated minus measured
 
 The same windows are replayed under every hypothesis: where the log is changed they are cut anew
-from the mended log, at the same rows.
+from the mended log, at the same rows. Errors are those of readings as logged, whose noise is known:
+else shrinking the readings would make any model right.
 """
 
 from __future__ import annotations
@@ -48,7 +49,6 @@ class Replay(NamedTuple):
 
     error: np.ndarray  # (n, N, M) simulated minus measured
     slope: np.ndarray  # (n, N, M) its change with the time of reading [1/s]
-    log_scale: np.ndarray  # (n,) log |d mended readings / d readings|, summed over what is compared
 
 
 class _Mended(NamedTuple):
@@ -58,7 +58,7 @@ class _Mended(NamedTuple):
     logs: tuple[Log, ...]
     windows: tuple[Window, ...]
     measured: np.ndarray  # (W, T, M)
-    log_scale: np.ndarray  # (W,) see `Replay`
+    scale: np.ndarray  # (M,) |d reading as logged / d mended reading|
 
 
 class _Ask(NamedTuple):
@@ -69,6 +69,11 @@ class _Ask(NamedTuple):
     values: np.ndarray  # (n, P) of the effects
     log: _Mended | None  # None: as it is
     rows: np.ndarray | slice = slice(None)  # (n,) of the job
+
+    @property
+    def scale(self) -> np.ndarray:
+        """|d reading as logged / d mended reading| of each joint, (M,) or ()."""
+        return np.ones(()) if self.log is None else self.log.scale
 
 
 class Replayer:
@@ -142,7 +147,8 @@ class Replayer:
         return [next(made if own else rest) for own in finer]
 
     def _replay(self, jobs: Sequence[Job]) -> list[Replay]:
-        found = [self._blank(len(job.windows)) for job in jobs]
+        shape = self.used.shape[1], len(self.noise)
+        found = [Replay(*np.zeros((2, len(job.windows), *shape))) for job in jobs]
         changed = [bool(job.hypothesis.changes) for job in jobs]
         for mended in (False, True):
             own = [number for number, other in enumerate(changed) if other == mended]
@@ -167,14 +173,8 @@ class Replayer:
         ]
         for ask, made in zip(asks, simulate_each(simulator, rows, remember=False), strict=True):
             own, result = ask.rows, found[ask.job]
-            result.error[own] = self._seen(made.error, ask.windows)
-            result.slope[own] = self._look(made.slope, ask.windows)
-            if ask.log is not None:
-                result.log_scale[own] = ask.log.log_scale[ask.windows]
-
-    def _blank(self, count: int) -> Replay:
-        shape = (count, self.used.shape[1], len(self.noise))
-        return Replay(np.zeros(shape), np.zeros(shape), np.zeros(count))
+            result.error[own] = self._seen(made.error, ask.windows) * ask.scale
+            result.slope[own] = self._look(made.slope, ask.windows) * ask.scale
 
     def _asks(self, number: int, job: Job) -> list[_Ask]:
         """Return the rows of a job by how their log is mended."""
@@ -203,7 +203,7 @@ class Replayer:
             (made,) = simulate_each(
                 simulator, [Rows(hypothesis.effects, ask.windows, ask.values)], remember=False
             )
-            found[ask.rows], lost[ask.rows] = made.error, made.lost
+            found[ask.rows], lost[ask.rows] = made.error * ask.scale, made.lost
         return found, lost
 
     def starts(self, hypothesis: Hypothesis, values: np.ndarray) -> np.ndarray:
@@ -291,16 +291,16 @@ class Replayer:
         """Return the errors of windows that start with one joint off, (W, N, M)."""
         found = np.empty((*self.used.shape, len(self.noise)))
         noise = self.speed_noise if of_speed else np.tile(self.noise, (len(self.every), 1))
-        sizes = noise[:, joint] * self.data.scale[joint]
         shift = _speeded if of_speed else further
         for ask in self._asks(0, Job(hypothesis, values, self.every)):
             data = (_stacked(self, [ask.log]) if ask.log else self.plain).data
+            sizes = (noise * self.data.scale / ask.scale)[:, joint]
             pairs = zip(data.windows, np.resize(sizes, len(data.windows)), strict=True)
             windows = [shift(data, window, joint, float(size)) for window, size in pairs]
             other = self.plain.of(replace(data, windows=tuple(windows)))
             rows = [Rows(hypothesis.effects, ask.windows, ask.values)]
             (made,) = simulate_each(other, rows, remember=False)
-            found[ask.rows] = self._look(made.error, ask.windows)
+            found[ask.rows] = self._look(made.error, ask.windows) * ask.scale
         return found
 
     def _mend(self, hypothesis: Hypothesis, values: np.ndarray) -> _Mended:
@@ -309,20 +309,19 @@ class Replayer:
         if key in self._mended:
             return self._mended[key]
         data, logs = self.data, list(self.data.logs)
-        scale, start = np.zeros(len(data.joints)), 0
+        scale, start = np.ones(len(data.joints)), 0
         for change in hypothesis.changes:
             own = values[start : (start := start + len(change.neutral))]
             logs = [change.mended(log, own) for log in logs]
-            of_joint = change.log_scale(own)
-            scale += [of_joint.get(joint.name, 0.0) for joint in data.joints]
+            scaled = [joint.name in change.read for joint in data.joints]
+            scale = np.where(scaled, scale * abs(change.first(own)), scale)
         windows = [self._cut(logs, window) for window in data.windows]
         measured = data.measured.copy()  # (W, T, M), padded as all windows of the log were
         for row, window in zip(measured, windows, strict=True):
             row[: len(window.measured)] = window.measured
         if len(self._mended) >= MENDED:
             self._mended.pop(next(iter(self._mended)))
-        log_scale = scale.sum() * self.used.sum(axis=1)
-        self._mended[key] = _Mended(key, tuple(logs), tuple(windows), measured, log_scale)
+        self._mended[key] = _Mended(key, tuple(logs), tuple(windows), measured, scale)
         return self._mended[key]
 
     def _cut(self, logs: Sequence[Log], window: Window) -> Window:

@@ -133,16 +133,6 @@ def test_an_angle_from_the_ground_is_a_sum(log: Log, changes: dict[str, LogChang
     np.testing.assert_allclose(mended.columns["ctrl.b"], log.columns["ctrl.b"], atol=1e-12)
 
 
-def test_a_scale_of_readings_costs_its_jacobian(changes: dict[str, LogChange]) -> None:
-    """Shrinking readings to nothing wins nothing: densities are those of the readings as logged."""
-    assert changes["log.scale.qpos.b"].log_scale(np.array([2.0])) == {
-        "b": pytest.approx(-np.log(2))
-    }
-    assert changes["log.scale.ctrl.b"].log_scale(np.array([2.0])) == {}
-    degrees = changes["log.unit.ctrl.qpos"].log_scale(np.zeros(0))
-    assert degrees == dict.fromkeys("ab", pytest.approx(np.log(np.pi / 180)))
-
-
 def test_counts_of_an_encoder_are_offered(log: Log, tmp_path: Path) -> None:
     """Whole numbers beyond a turn: the remedy is what columns.yaml takes, and it undoes them."""
     counts = {

@@ -4,11 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
+from hardware.log import Log
 from sim2real.diagnosis.inference.candidates import candidates
 from sim2real.diagnosis.inference.episodes import cut_whole_episodes
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
 from sim2real.diagnosis.inference.log_changes import list_log_changes
-from sim2real.diagnosis.inference.replayer import Replayer, skip_beginnings
+from sim2real.diagnosis.inference.replayer import Job, Replayer, skip_beginnings
 from tests.sim2real.diagnosis import arm
 
 ROWS = 6
@@ -54,3 +55,25 @@ def test_late_readings_beside_friction_are_undone_in_the_log(tmp_path: Path) -> 
     for members in ([late, friction], [friction, late]):
         np.testing.assert_allclose(errors(members, [0.12, 0.0]), alone, atol=1e-6)
         assert np.abs(errors(members, [0.12, 0.02]) - alone).max() > 1e-3
+
+
+def test_errors_are_those_of_readings_as_logged(tmp_path: Path) -> None:
+    """Degrees for radians: what is left of them is in degrees, and so is the start's noise."""
+    log, factor = arm.make_log(noise=1e-3), 180 / np.pi
+    logged = {n: c * (factor if n.startswith("q") else 1) for n, c in log.columns.items()}
+    right, wrong = (Replayer(arm.data_of(one, tmp_path)) for one in (log, Log(logged)))
+    changes = {change.label: change for change in list_log_changes(wrong.data)}
+    unit = Hypothesis((changes["log.unit.qpos"],))
+    wrong.rows, wrong.used = right.rows, right.used
+    none = np.zeros((len(right.every), 0))
+    for made, mended in (
+        (
+            right.replay([Job(Hypothesis(()), none, right.every)])[0].error,
+            wrong.replay([Job(unit, none, wrong.every)])[0].error,
+        ),
+        (right.follow(Hypothesis(()), none)[0], wrong.follow(unit, none)[0]),
+        (right.starts(Hypothesis(()), none), wrong.starts(unit, none)),
+    ):
+        scale = wrong.data.scale / right.data.scale
+        scale = scale[:, None] if made.ndim > 3 else scale
+        np.testing.assert_allclose(mended * scale, factor * made, rtol=0.1, atol=1e-6)
