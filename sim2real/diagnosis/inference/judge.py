@@ -32,7 +32,7 @@ from sim2real.diagnosis.inference.decision import (
 from sim2real.diagnosis.inference.distance import stands_alone
 from sim2real.diagnosis.inference.episodes import follows_episodes
 from sim2real.diagnosis.inference.fit import Fit, Start
-from sim2real.diagnosis.inference.glance import HALVES, NONE, make_glance
+from sim2real.diagnosis.inference.glance import HALVES, NONE, Glance
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import HALF, Basis
 from sim2real.diagnosis.inference.moves import (
@@ -128,7 +128,7 @@ class Judge:
         self.most = np.maximum(self.replayer.count, noise) / noise  # a count, in noises
         self.basis: Basis | None = None
         given, *unknown = self._look(NONE, np.zeros((FOLDS, 0)))
-        self.glance = make_glance(self.fitter, given, *unknown)
+        self.glance = Glance(self.fitter, given, *unknown)
         self.lines: list[Line] = []  # through all probes, beside the model as given
 
     def judge(self, vocabulary: Vocabulary) -> Judgement:
@@ -218,6 +218,8 @@ class Judge:
         Returns:
             Whether there is a gap, or any change promises what it has to win.
         """
+        if best.hypothesis.members:
+            self.glance.anchor(best)
         (base,) = self.glance.fit([restart(best)], rounds=0)
         if best.hypothesis.members:
             labels = list_promising(self.glance, base, self.lines, self.settings.promising)
@@ -236,6 +238,7 @@ class Judge:
 
     def _swap(self, best: Fit, tried: dict[str, Fit]) -> None:
         """Fit what does about the same as each member in its place."""
+        self.glance.anchor(best)
         every = range(len(best.hypothesis.members))
         own, *parts = self.glance.fit(
             [restart(best), *(without(best, place) for place in every)], rounds=0

@@ -105,9 +105,9 @@ class Replayer:
         least = np.maximum(self.settings.negligible * spread, TINY)
         self.noise = np.maximum(noise, least) / data.scale  # (M,)
         self.count = np.array([joint.count for joint in data.joints]) / data.scale
-        self.offset = np.zeros(())  # (W, N, M) that errors lack, where longer steps are taken
         self.finer: Replayer | None = None  # in shorter steps, for what adds a body or a spring
-        self.estimated = np.zeros((*self.rows.shape, len(self.noise), 0))  # (W, N, M, D) of starts
+        self.offset = np.zeros((*self.rows.shape, len(self.noise)))  # that longer steps leave out
+        self.estimated = np.zeros((*self.offset.shape, 0))  # (W, N, M, D) of starts
         if data.nuisance is not None:
             self.estimated = self._look(data.nuisance.directions(), self.every)
         self.plain = Simulator(self.data, self.fixed, on_run=on_run, work=self.work)
@@ -124,6 +124,7 @@ class Replayer:
         other = Replayer(own, self.fixed, self.work, self.on_run)
         other.rows, other.used = self.rows[windows], self.used[windows]
         other.times, other.noise, other.count = self.times[windows], self.noise, self.count
+        other.offset = self.offset[windows]
         return other
 
     @property
@@ -136,6 +137,11 @@ class Replayer:
         """How many windows are replayed in one call, by the memory of their errors."""
         size = self.data.mask.shape[1] * len(self.noise) * self.noise.itemsize
         return max(int(BATCH / size), 1)
+
+    def anchor(self, hypothesis: Hypothesis, values: np.ndarray, errors: np.ndarray) -> None:
+        """Correct all errors by what those of a hypothesis, (W, N, M), lack here."""
+        (made,) = self._replay([Job(hypothesis, values, self.every)])
+        self.offset = self.offset + errors - made.error
 
     def replay(self, jobs: Sequence[Job]) -> list[Replay]:
         """Return what each job comes to; jobs share batches, those with changed logs theirs."""
@@ -173,7 +179,8 @@ class Replayer:
         ]
         for ask, made in zip(asks, simulate_each(simulator, rows, remember=False), strict=True):
             own, result = ask.rows, found[ask.job]
-            result.error[own] = self._seen(made.error, ask.windows) * ask.scale
+            error = self._look(made.error, ask.windows) * ask.scale
+            result.error[own] = error + self.offset[ask.windows]
             result.slope[own] = self._look(made.slope, ask.windows) * ask.scale
 
     def _asks(self, number: int, job: Job) -> list[_Ask]:
@@ -329,11 +336,6 @@ class Replayer:
         model, own = self.data.models[window.model], self.data.settings.windows
         args = (window.log, window.model, model, self.data.joints, rows, own)
         return cut_one(logs[window.log], *args)._replace(usable=window.usable)
-
-    def _seen(self, errors: np.ndarray, windows: np.ndarray) -> np.ndarray:
-        """Return the compared rows (n, N, M) of errors (n, T, M), corrected by what is known."""
-        offset = self.offset[windows] if self.offset.ndim else self.offset
-        return self._look(errors, windows) + offset
 
     def _look(self, values: np.ndarray, windows: np.ndarray) -> np.ndarray:
         """Return the compared rows (n, N, M) of values (n, T, M) of windows (n,)."""
