@@ -6,8 +6,7 @@ The curvature of the log density at the answer, (J' V^-1 J) with V the covarianc
 nobody knows, usual errors at their full prior, is inverted together with the directions of the
 effects that are equivalent to a cause, each with its own prior width: what one of them may share,
 the interval says (profile likelihood, to second order; Pawitan 2001). Where the two folds disagree
-by more, that counts. To it comes that the law in which a value is found is itself off by the usual
-few per cent.
+by more, that counts. To it comes that no robot keeps to the law in which a value is found.
 """
 
 from collections.abc import Sequence
@@ -73,7 +72,7 @@ def compute_intervals(
     apart = np.abs(fit.values[0] - fit.values[1]) / FOLDS
     neutral = np.concatenate([member.neutral for member in fit.hypothesis.members])
     far = np.abs(np.where(neutral >= FREE, fit.mean, fit.mean - neutral))
-    total = np.hypot(np.maximum(spread, apart), settings.usual * far)
+    total = np.hypot(np.maximum(spread, apart), settings.law * far)
     width = norm.ppf((1 + COVERAGE) / 2) * total
     width = np.where(fit.hypothesis.smooth, width, 0.0)
     ends = fit.hypothesis.clip(np.stack([fit.mean - width, fit.mean + width]))

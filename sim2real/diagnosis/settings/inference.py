@@ -36,6 +36,12 @@ class Inference:
         "standard deviation of the factor by which any nominal parameter is off",
         "convention: a few per cent",
     )
+    law: float = setting(
+        0.05,
+        "1",
+        "standard deviation of the factor by which a value is off since its law is not the robot's",
+        "studied: relative errors of 21 values, robots of another engine (`thirdparty_55`)",
+    )
     factors_max: int = setting(
         12, "1", "directions of these errors that are kept, by their size", COST
     )
