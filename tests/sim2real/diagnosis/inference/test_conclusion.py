@@ -40,7 +40,7 @@ def test_an_effect_becomes_a_cause_with_its_value(friction: Conclusion) -> None:
     assert (cause.kind, cause.effect, cause.where) == ("robot", "coulomb_friction", "b")
     assert cause.value == pytest.approx(FRICTION, rel=0.03)
     assert cause.value_ci[0] < cause.value < cause.value_ci[1]
-    assert np.ptp(cause.value_ci) < 0.1 * FRICTION
+    assert 0.1 * FRICTION < np.ptp(cause.value_ci) < 0.2 * FRICTION, "no robot keeps to its law"
     assert cause.confidence > 0.9
     assert cause.closed > 0.9
     assert [effect.label() for effect, _ in friction.found] == ["coulomb_friction.b"]

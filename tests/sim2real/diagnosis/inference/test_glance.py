@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from sim2real.diagnosis.inference.candidates import candidates
+from sim2real.diagnosis.inference.fit import Start
 from sim2real.diagnosis.inference.glance import NONE
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.judge import Judge
+from sim2real.diagnosis.inference.moves import restart
 from sim2real.diagnosis.inference.replayer import Job
 from tests.sim2real.diagnosis import arm
 
@@ -47,3 +49,20 @@ def test_springs_and_play_take_shorter_steps_than_the_rest(judge: Judge) -> None
     np.testing.assert_array_equal(both[0].error, fine.error)
     (other,) = glance.finer.replay(jobs[1:])
     assert np.abs(other.error - both[1].error).max() > 0
+
+
+def test_what_longer_steps_change_is_what_they_change_of_what_is_known(judge: Judge) -> None:
+    """With friction as it is in its own steps, a spring is compared with that."""
+    glance, options = judge.glance, {c.label: c for c in candidates(judge.data)}
+    friction = options["coulomb_friction.b"]
+    (best,) = judge.fitter.fit([Start(Hypothesis((friction,)), np.array([[0.12]]))], rounds=0)
+    (before,) = glance.fit([restart(best)], rounds=0)
+    glance.anchor(best)
+    (base,) = glance.fit([restart(best)], rounds=0)
+    np.testing.assert_allclose(base.own, best.own[glance.chosen], atol=1e-12)
+    assert np.abs(before.own - base.own).max() > 1e-5
+    assert glance.replayer.finer is not None
+    job = Job(best.hypothesis, best.values[glance.fold], glance.replayer.every)
+    (fine,) = glance.replayer.finer.replay([job])
+    np.testing.assert_allclose(fine.error, base.own, atol=1e-12)
+    glance.anchor(judge.given)

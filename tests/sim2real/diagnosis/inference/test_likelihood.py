@@ -93,9 +93,14 @@ def test_curvature_is_that_of_the_dense_covariance() -> None:
     covariance = small.covariance(trained, trained.shift)[np.ix_(own, own)]
     flat = vectors.reshape(-1, 2)[own]
     dense = flat.T @ np.linalg.solve(covariance, flat)
-    np.testing.assert_allclose(
-        small.likelihood.curvature(trained, vectors, windows), dense, rtol=1e-8
-    )
+    found = small.likelihood.curvature(trained, vectors, windows)
+    np.testing.assert_allclose(found, dense, rtol=1e-8)
+    known = small.times, small.used, small.noise, small.local, small.common
+    heavy = Likelihood(*known, replace(SETTINGS, temperature=1.0))
+    full = heavy.curvature(trained, vectors, windows, tempered=False)
+    np.testing.assert_allclose(full, dense, rtol=1e-8)
+    lighter = np.linalg.eigvalsh(heavy.curvature(trained, vectors, windows) - full)
+    assert (lighter > 0).all(), "a prior that keeps its weight hides less"
 
 
 def test_training_finds_the_size_and_time_that_errors_were_drawn_with() -> None:
