@@ -45,8 +45,8 @@ class Settings:
         (0.0, 0.1, 1.0), "1", "dampings tried in each step, relative to the curvature", JUDGED
     )
     longest_step: float = setting(1.0, "1", "largest step, in deviations of the prior", JUDGED)
-    known: float = setting(0.5, "1", "least narrowing of the prior in a known direction", JUDGED)
-    weight: float = setting(0.2, "1", "least weight of a parameter named for a direction", JUDGED)
+    known: float = setting(0.5, "1", "minimum narrowing of the prior in a known direction", JUDGED)
+    weight: float = setting(0.2, "1", "minimum weight of a parameter named for a direction", JUDGED)
     doubt: float = setting(
         0.8,
         "1",

@@ -56,12 +56,12 @@ class Compared:
         JUDGED,
     )
     weight_floor: float = setting(
-        0.5, "1", "least noise of a piece in its weight, relative to the median piece", JUDGED
+        0.5, "1", "minimum noise of a piece in its weight, relative to the median piece", JUDGED
     )
     apart: float = setting(
         0.05,
         "1",
-        "least fraction of an effect's response that no other compared effect shares",
+        "minimum fraction of an effect's response that no other compared effect shares",
         "measured: of 15 % more friction at one of two joints that became warmer, 0.07 to 0.7",
     )
     step: float = setting(
@@ -80,7 +80,7 @@ class Compared:
     worth: float = setting(
         1.1,
         "1",
-        "least response of a named change, relative to a reading's noise over the root of the "
+        "minimum response of a named change, relative to a reading's noise over the root of the "
         "number of pieces (both RMS)",
         "derived: noise that lasts a piece makes about 1; measured: of 16 unchanged pairs of an "
         "emulated arm2 the largest that chance did not explain had 0.96",
@@ -88,7 +88,7 @@ class Compared:
     doubt: float = setting(
         0.5,
         "1",
-        "least response of a change, relative to what is attributed linearly to other differences",
+        "minimum response of a change, relative to what is attributed linearly to other differences",
         "measured: of 12 pairs with 15 % more friction at one joint the smallest had 1.1",
     )
     excused_rounds: int = setting(
@@ -96,7 +96,7 @@ class Compared:
     )
     shared_max: int = setting(2, "1", "effects fitted to both sides, in addition to friction", COST)
     shared_worth: float = setting(
-        0.1, "1", "least fraction of the gap that a further shared effect closes", JUDGED
+        0.1, "1", "minimum fraction of the gap that a further shared effect closes", JUDGED
     )
     shared_windows: int = setting(
         12,

@@ -44,7 +44,9 @@ class Contract:
         3.0, "nat", "difference up to which explanations are listed together", "derived: odds of 20"
     )
     set_max: int = setting(3, "1", "maximum number of listed equivalents", JUDGED)
-    still: float = setting(0.01, "1", "least spread of a number that moves, before scaling", JUDGED)
+    still: float = setting(
+        0.01, "1", "minimum spread of a number that moves, before scaling", JUDGED
+    )
     ages_max: int = setting(4, "1", "largest age of an observation or action tried, in steps", COST)
     ways_few: int = setting(
         4, "1", "number of alternatives of a term up to which each is tried at every age", COST

@@ -31,8 +31,8 @@ class NoiseFloor:
     compared_moments: int = setting(20, "1", "samples of the commands in this duration", COST)
     every_s: float = setting(0.1, "s", "interval between the moments examined", COST)
     same_command: float = setting(2e-3, "rad", "largest difference of equal commands", DEVELOPED)
-    moved: float = setting(0.02, "rad", "least motion of a command that does not rest", DEVELOPED)
-    repeats_min: int = setting(20, "1", "least number of repetitions", DEVELOPED)
+    moved: float = setting(0.02, "rad", "minimum motion of a command that does not rest", DEVELOPED)
+    repeats_min: int = setting(20, "1", "minimum number of repetitions", DEVELOPED)
     outlier_scatter: float = setting(
         5.0,
         "1",
@@ -77,7 +77,7 @@ class Windows:
         "speed at the first row that is not a start from rest, relative to the usual speed",
         JUDGED,
     )
-    begins_least: float = setting(1e-4, "rad", "least motion in this duration", JUDGED)
+    begins_least: float = setting(1e-4, "rad", "minimum motion in this duration", JUDGED)
     kick_before_s: float = setting(0.03, "s", "time left out before a servo is switched on", JUDGED)
     kick_s: float = setting(
         0.3, "s", "time left out afterwards, because no log has the exact moment", DEVELOPED
@@ -99,7 +99,7 @@ class Simulation:
     error_max: float = setting(
         10.0, "1", "error assigned to a diverged simulation, relative to the motion", JUDGED
     )
-    spread_min: float = setting(1e-3, "rad", "least motion to which it is relative", JUDGED)
+    spread_min: float = setting(1e-3, "rad", "minimum motion to which it is relative", JUDGED)
     batch_bytes: float = setting(5e7, "B", "memory of one batch", COST)
     memory_bytes: float = setting(1e8, "B", "memory of cached rows for repeated fits", COST)
     shared_rows: int = setting(
@@ -125,11 +125,11 @@ class Dataset:
 
     block_s: float = setting(1.0, "s", "distance at which errors count as independent", DEVELOPED)
     still_counts: float = setting(3.0, "1", "encoder counts below which a joint rests", JUDGED)
-    count_min: float = setting(1e-4, "rad", "least size of an encoder count", JUDGED)
+    count_min: float = setting(1e-4, "rad", "minimum size of an encoder count", JUDGED)
     seconds_min: float = setting(
         1.0,
         "s",
-        "least duration of all recordings together",
+        "minimum duration of all recordings together",
         "derived: a block of a second for an interval",
     )
     whole_episodes_min: int = setting(
@@ -174,7 +174,7 @@ class Bootstrap:
     blocks_min: int = setting(
         32,
         "1",
-        "least number of blocks of a recording, whatever the correlation time of its residual",
+        "minimum number of blocks of a recording, whatever the correlation time of its residual",
         "derived: what shows in a tenth of them is drawn again in 19 of 20 resamples",
     )
     tail: float = setting(0.05, "1", "probability below and above an interval", "convention: 90 %")

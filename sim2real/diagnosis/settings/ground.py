@@ -38,12 +38,14 @@ class Ground:
     bend_doubt: float = setting(
         0.1, "1", "standard deviation of a slope, relative to its change between rows", JUDGED
     )
-    speed_doubt: float = setting(0.05, "rad/s", "least standard deviation of a joint speed", JUDGED)
+    speed_doubt: float = setting(
+        0.05, "rad/s", "minimum standard deviation of a joint speed", JUDGED
+    )
     spin_doubt: float = setting(
         0.05, "rad/s", "standard deviation of the base's rotation rate", JUDGED
     )
     walk_doubt: tuple[float, float] = setting(
-        (0.15, 0.4), "m/s", "least and largest standard deviation of the base's speed", JUDGED
+        (0.15, 0.4), "m/s", "minimum and maximum standard deviation of the base's speed", JUDGED
     )
     window_s: float = setting(0.3, "s", "length of a window", GAIT)
     difference: float = setting(0.5, "1", "step of finite differences, in deviations", JUDGED)
@@ -76,7 +78,7 @@ class Ground:
     )
     stands: float = setting(0.5, "1", "contact weight above which a foot stands", JUDGED)
     seen: float = setting(0.02, "1", "fraction of rows in contact that makes a foot", JUDGED)
-    slips: float = setting(0.1, "1", "fraction of a stance with slip that is reported", JUDGED)
+    slips: float = setting(0.1, "1", "reported fraction of a stance with slip", JUDGED)
     bias_rad_s: float = setting(0.02, "rad/s", "bias of a gyro that is reported", JUDGED)
     scale_off: float = setting(0.1, "1", "scale error of a gyro that is reported", JUDGED)
     late_s: float = setting(0.004, "s", "latency of a gyro that is reported", JUDGED)
@@ -96,14 +98,14 @@ class Ground:
     push_times: float = setting(
         8.0, "1", "orientation error of a pushed window, relative to the median", JUDGED
     )
-    push_rad: float = setting(0.02, "rad", "least orientation error of a pushed window", JUDGED)
+    push_rad: float = setting(0.02, "rad", "minimum orientation error of a pushed window", JUDGED)
     odd_times: float = setting(
         3.0,
         "1",
         "orientation error above which a window gets a smaller weight, relative to the median",
         JUDGED,
     )
-    odd_rad: float = setting(0.004, "rad", "least orientation error of such a window", JUDGED)
+    odd_rad: float = setting(0.004, "rad", "minimum orientation error of such a window", JUDGED)
     push_share: float = setting(0.1, "1", "fraction of windows above which none is a push", JUDGED)
     narrow_m2: float = setting(
         1e-3, "m²", "twice the area of the smallest triangle that supports a robot", JUDGED

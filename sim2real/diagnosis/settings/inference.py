@@ -41,7 +41,9 @@ class Inference:
     )
     turns: int = setting(4, "1", "sweeps over the joints' discrepancies in training", COST)
     difference: float = setting(0.03, "1", "finite difference, relative to a value", COST)
-    difference_min: float = setting(0.01, "1", "least finite difference, relative to a step", COST)
+    difference_min: float = setting(
+        0.01, "1", "minimum finite difference, relative to a step", COST
+    )
     damping: float = setting(
         1e-4, "1", "first damping of a Gauss-Newton step, relative to the curvature", COST
     )
@@ -60,7 +62,7 @@ class Inference:
     )
     ridge: float = setting(1e-9, "1", "added to a curvature, relative to its diagonal", ROUNDING)
     glance_s: float = setting(
-        15.0, "s", "duration of the screened windows, half of all at most", COST
+        15.0, "s", "duration of the screened windows, at most half of all", COST
     )
     first_s: float = setting(
         18.0, "s", "duration of the windows for a first test of mistakes in the log", COST
@@ -107,7 +109,7 @@ class Inference:
     moments: float = setting(
         0.1,
         "1",
-        "fraction of windows in which something may be left, such as a contact or a hunting servo",
+        "fraction of windows that may keep a residual, such as a contact or a hunting servo",
         JUDGED,
     )
     temperature: float = setting(
@@ -134,15 +136,15 @@ class Cogging:
         (3.0, 150.0), "1", "fewest and most ripples per turn", JUDGED
     )
     finest: float = setting(4.0, "1", "counts tried per difference that the range resolves", JUDGED)
-    readings: float = setting(1.5, "1", "least encoder counts in half a ripple", JUDGED)
+    readings: float = setting(1.5, "1", "minimum encoder counts in half a ripple", JUDGED)
     counts_probed: int = setting(3, "1", "counts that are simulated", COST)
     sizes: tuple[float, ...] = setting(
         (1.0, 2.5), "1", "simulated amplitudes, relative to the one in the error", DEVELOPED
     )
     slow: float = setting(0.7, "rad/s", "speed above which rows are ignored", DEVELOPED)
-    turned: float = setting(0.8, "rad", "least range of a joint with ripples", DEVELOPED)
+    turned: float = setting(0.8, "rad", "minimum range of a joint with ripples", DEVELOPED)
     trend_order: int = setting(3, "1", "degree of the polynomial trend under a ripple", DEVELOPED)
-    stiffness_min: float = setting(0.1, "N·m/rad", "least stiffness of a servo", JUDGED)
+    stiffness_min: float = setting(0.1, "N·m/rad", "minimum stiffness of a servo", JUDGED)
     rows_min: int = setting(50, "1", "rows needed", JUDGED)
     off_share: float = setting(
         0.05, "1", "fraction of time without torque above which windows are left out", JUDGED
@@ -159,7 +161,7 @@ class Locating:
         "fraction of the error, relative to the fraction of the time, that is reported",
         JUDGED,
     )
-    share_min: float = setting(0.2, "1", "least fraction of the error that is reported", JUDGED)
+    share_min: float = setting(0.2, "1", "minimum fraction of the error that is reported", JUDGED)
     named_max: int = setting(4, "1", "kinds of moments reported per joint", JUDGED)
     edges_hz: tuple[float, ...] = setting(
         (0.0, 0.5, 2.0, 5.0, 15.0), "Hz", "edges of the frequency bands", JUDGED

@@ -21,7 +21,7 @@ class Channels:
     repeat_counts: float = setting(
         3.0, "1", "encoder counts by which a joint moves around a repeated reading", JUDGED
     )
-    count_min: float = setting(1e-6, "rad", "least size of an encoder count", JUDGED)
+    count_min: float = setting(1e-6, "rad", "minimum size of an encoder count", JUDGED)
     slowest_s: float = setting(
         0.5, "s", "longest interval in seconds; longer ones are in another unit", THOUSAND
     )
@@ -56,7 +56,7 @@ class Channels:
         JUDGED,
     )
     worse_noises: float = setting(
-        3.0, "1", "least increase of this error, relative to the noise of the channel", JUDGED
+        3.0, "1", "minimum increase of this error, relative to the noise of the channel", JUDGED
     )
     saturated_share: float = setting(
         0.3,
@@ -107,7 +107,7 @@ class Servo:
     speed_share: float = setting(0.8, "1", "fraction of the speed's power in the slope", JUDGED)
     speed_rows_min: int = setting(20, "1", "rows of an episode needed for this check", JUDGED)
     smoothing_s: float = setting(0.06, "s", "duration over which both are averaged", JUDGED)
-    smoothing_rows_min: int = setting(3, "1", "least number of rows of this average", JUDGED)
+    smoothing_rows_min: int = setting(3, "1", "minimum number of rows of this average", JUDGED)
     unit_ratio: tuple[float, float] = setting(
         (0.8, 1.25), "1", "ratios of position gain and command gain that agree", JUDGED
     )
@@ -151,7 +151,7 @@ class Clocks:
     log_s: float = setting(
         20.0,
         "s",
-        "least length of a log that is checked for drift",
+        "minimum length of a log that is checked for drift",
         "derived: 200 ppm are then 4 ms",
     )
     reach_s: float = setting(0.25, "s", "largest offset tried", JUDGED)
@@ -172,7 +172,9 @@ class Lag:
     alike: float = setting(0.7, "1", "correlation needed to estimate a lag", JUDGED)
     speed_min: float = setting(0.1, "rad/s", "RMS speed below which a joint rests", JUDGED)
     windows_min: int = setting(3, "1", "windows needed on either side of a jump", JUDGED)
-    jump_s: float = setting(0.008, "s", "least distance between the lags on both sides", DEVELOPED)
+    jump_s: float = setting(
+        0.008, "s", "minimum distance between the lags on both sides", DEVELOPED
+    )
     episode_s: float = setting(60.0, "s", "part of each episode that is examined", COST)
 
 
@@ -187,18 +189,22 @@ class Obstruction:
     error: float = setting(1.6, "1", "multiple of the usual error", DEVELOPED)
     margin_s: float = setting(0.5, "s", "time left out before and after", DEVELOPED)
     rests_min: int = setting(50, "1", "rows at rest needed to define usual values", JUDGED)
-    shortest_s: float = setting(0.2, "s", "least total duration; a shorter one is a spike", JUDGED)
+    shortest_s: float = setting(
+        0.2, "s", "minimum total duration; a shorter one is a spike", JUDGED
+    )
 
 
 @dataclass(frozen=True)
 class Hunting:
     """When a servo's loop hunts."""
 
-    counts: float = setting(8.0, "1", "least encoder counts of a swing", JUDGED)
-    swing: float = setting(0.005, "rad or m", "least size of a swing", JUDGED)
-    swings: int = setting(8, "1", "least number of consecutive swings that are hunting", DEVELOPED)
-    even: float = setting(0.5, "1", "least ratio of swings: ringing decays", DEVELOPED)
-    regular: float = setting(0.5, "1", "least ratio of times between reversals", DEVELOPED)
+    counts: float = setting(8.0, "1", "minimum encoder counts of a swing", JUDGED)
+    swing: float = setting(0.005, "rad or m", "minimum size of a swing", JUDGED)
+    swings: int = setting(
+        8, "1", "minimum number of consecutive swings that are hunting", DEVELOPED
+    )
+    even: float = setting(0.5, "1", "minimum ratio of swings: ringing decays", DEVELOPED)
+    regular: float = setting(0.5, "1", "minimum ratio of times between reversals", DEVELOPED)
     asked: float = setting(0.1, "1", "smallest reversal of a command, relative to a swing", JUDGED)
     asked_turns: int = setting(
         2, "1", "maximum number of reversals of the command during these swings", DEVELOPED
@@ -215,7 +221,7 @@ class Hunting:
     riding: float = setting(
         0.1,
         "1",
-        "least size of such an oscillation relative to the motion: smaller ones may be stick- slip",
+        "minimum size of such an oscillation relative to the motion: smaller ones may be stick-slip",
         DEVELOPED,
     )
     kept: float = setting(1.0, "1", "number of first swings that are compared", DEVELOPED)
@@ -228,7 +234,7 @@ class Checks:
     """Detection of readings that scatter by more than a count."""
 
     noise: float = setting(1.5, "1", "multiple of the resolution", JUDGED)
-    rounding_min: float = setting(1e-5, "rad", "least size of the resolution", JUDGED)
+    rounding_min: float = setting(1e-5, "rad", "minimum size of the resolution", JUDGED)
 
 
 @dataclass(frozen=True)
@@ -238,5 +244,5 @@ class Unlogged:
     seconds: float = setting(3.0, "s", "length of the replays that show a motion", COST)
     pieces: int = setting(2, "1", "replays of each log", COST)
     moves: float = setting(
-        0.02, "rad", "least motion; for an orientation, of the elements of its quaternion", JUDGED
+        0.02, "rad", "minimum motion; for an orientation, of the elements of its quaternion", JUDGED
     )
