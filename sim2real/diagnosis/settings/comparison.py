@@ -88,7 +88,7 @@ class Compared:
     doubt: float = setting(
         0.5,
         "1",
-        "minimum response of a change, relative to what is attributed linearly to other differences",
+        "minimum response of a change, over what is attributed linearly to other differences",
         "measured: of 12 pairs with 15 % more friction at one joint the smallest had 1.1",
     )
     excused_rounds: int = setting(

@@ -221,7 +221,7 @@ class Hunting:
     riding: float = setting(
         0.1,
         "1",
-        "minimum size of such an oscillation relative to the motion: smaller ones may be stick-slip",
+        "minimum size of such an oscillation, over the motion; smaller ones may be stick-slip",
         DEVELOPED,
     )
     kept: float = setting(1.0, "1", "number of first swings that are compared", DEVELOPED)
