@@ -134,8 +134,8 @@ def scan(robot: Robot, keys: Keys, ask: Ask) -> None:
         driver.connect()
         ways = "fast reads" if driver.fast else "plain reads only"
         rate = 1 / driver.cycle_time()
-        tell(f"{robot.name}: all {len(driver)} servos are as its file says; {ways};")
-        tell(f"the bus allows {rate:.0f} steps a second, {robot.rate:g} are asked for")
+        tell(f"{robot.name}: all {len(driver)} servos match its file; {ways};")
+        tell(f"the bus allows {rate:.0f} steps per second; {robot.rate:g} are requested")
     finally:
         driver.close()
 

@@ -178,7 +178,7 @@ class _Lag(_DriveRule):
 class ActuatorLag(ActuatorEffect):
     """A first-order lag of the motor's torque; the value is its time constant.
 
-    It models a current loop with the winding's inductance, or a drive train that winds up. Back-EMF
+    It models a current loop with the winding's inductance, or an elastic drive train. Back-EMF
     is not delayed.
     """
 
@@ -231,8 +231,8 @@ class _Integral(_DriveRule):
 class IntegralAction(ActuatorEffect):
     """The integral term of a position servo: force = kp (e + value ∫ e dt) - kv w.
 
-    The integral stands still while the force is at its limit; it is 0 at the start of an episode
-    and while torque is off.
+    The integral is frozen while the force is at its limit, and is 0 at the start of an episode and
+    while torque is off.
     """
 
     name = "integral_action"

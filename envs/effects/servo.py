@@ -285,7 +285,7 @@ class _DeadZone(SubstepRule):
 
 
 class DeadZone(ActuatorEffect):
-    """Position error that a servo ignores: its proportional term is zero below it.
+    """Position error that a servo ignores: below it the proportional term is zero.
 
     Beyond it the whole error counts (`punch` 1), or only the excess (`punch` 0, as in older
     servos).

@@ -374,11 +374,11 @@ class JointCompliance(SeriesEffect):
     comparable = True
     sizes = Sizes("add", "softness", 0.01, 3.0)
     symptom = (
-        "a sag in proportion to the load that the encoder may not see, and ringing at"
+        "a sag in proportion to the load, which the encoder may not measure, and ringing at"
         " sqrt(k/J) after stops"
     )
     source = "tau = k (motor - link); a sprung hinge in series"
-    experiment = "hammer taps or fast stops: a resonance that more load lowers"
+    experiment = "hammer taps or fast stops: a resonance whose frequency falls with the load"
 
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return springs that a torque bends little and much, with a third of critical damping.
