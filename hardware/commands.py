@@ -163,7 +163,7 @@ def setup(robot: Robot, keys: Keys, ask: Ask) -> None:
         for part in driver.parts:
             set_up(part.robot, part.bus_client, ask, tell)
         driver.connect()
-        tell(f"{robot.name}: all {len(driver)} servos are as its file says")
+        tell(f"{robot.name}: all {len(driver)} servos match its file")
     finally:
         driver.close()
 

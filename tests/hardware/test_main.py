@@ -73,7 +73,7 @@ def test_scan_and_monitor(capsys):
     assert command.main(["scan", "robot=bench1"]) == 0
     out = capsys.readouterr().out
     assert " 1000000 bits/s  ID   1  xl330-m288  firmware 52" in out
-    assert "all 1 servos are as its file says; fast reads" in out
+    assert "all 1 servos match its file; fast reads" in out
     assert command.main(["monitor", "seconds=2"]) == 0
     out = capsys.readouterr().out
     assert out.count("hinge   0.0000 rad") == 2
