@@ -129,7 +129,7 @@ class Dataset:
     seconds_min: float = setting(
         1.0,
         "s",
-        "minimum duration of all recordings together",
+        "minimum total duration of the recordings",
         "derived: a block of a second for an interval",
     )
     whole_episodes_min: int = setting(

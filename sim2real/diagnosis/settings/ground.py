@@ -61,16 +61,16 @@ class Ground:
     turn_floor: float = setting(0.002, "rad", "noise of the base's orientation", JUDGED)
     error_rad: float = setting(0.002, "rad", "size of errors not caused by a wrong start", JUDGED)
     trusted_rad: float = setting(
-        0.004, "rad", "error up to which starts are estimated with the model that leaves it", GAIT
+        0.004, "rad", "error of a model up to which it may correct starts", GAIT
     )
     step_max: float = setting(3.0, "1", "largest correction of a start, in deviations", JUDGED)
     step_shares: tuple[float, ...] = setting(
-        (1.0, 0.5), "1", "fractions of the smoother's step that are tried", COST
+        (1.0, 0.5), "1", "tried fractions of the smoother's step", COST
     )
     grips: tuple[float, float] = setting(
         (0.7, 1.5),
         "1",
-        "friction coefficients of the feet that are tried, relative to the model's",
+        "tried friction coefficients of the feet, relative to the model's",
         JUDGED,
     )
     grip_floors: float = setting(
@@ -85,7 +85,7 @@ class Ground:
     smoothing: tuple[float, float, float] = setting(
         (1 / 6, 2 / 3, 1 / 6), "1", "weights of three rows", "derived: Simpson's rule"
     )
-    edge: int = setting(2, "1", "rows at both ends of an episode without slopes", JUDGED)
+    edge: int = setting(2, "1", "rows without slopes at both ends of an episode", JUDGED)
     tilt_most: float = setting(0.15, "rad", "largest tilt of the ground that is tried", JUDGED)
     tilt_grid: int = setting(13, "1", "tilts tried about each axis", COST)
     tilt_rad: float = setting(0.02, "rad", "tilt of the ground that is reported", JUDGED)

@@ -203,8 +203,10 @@ class Hunting:
     swings: int = setting(
         8, "1", "minimum number of consecutive swings that are hunting", DEVELOPED
     )
-    even: float = setting(0.5, "1", "minimum ratio of swings: ringing decays", DEVELOPED)
-    regular: float = setting(0.5, "1", "minimum ratio of times between reversals", DEVELOPED)
+    even: float = setting(0.5, "1", "minimum ratio of the smallest to the largest swing", DEVELOPED)
+    regular: float = setting(
+        0.5, "1", "minimum ratio of the shortest to the longest half period", DEVELOPED
+    )
     asked: float = setting(0.1, "1", "smallest reversal of a command, relative to a swing", JUDGED)
     asked_turns: int = setting(
         2, "1", "maximum number of reversals of the command during these swings", DEVELOPED
