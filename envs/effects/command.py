@@ -47,7 +47,7 @@ class CommandDelay(Effect):
     no_mjcf = None
     comparable = True
     sizes = Sizes("add", "one", 1e-3, 0.1)
-    symptom = "everything happens later by the same time, at all speeds and amplitudes"
+    symptom = "everything happens later by the same delay, at all speeds and amplitudes"
     source = "u(t) = u_cmd(t - d); MuJoCo XML reference, actuator/delay"
     experiment = "steps from rest (dead time), and a chirp: the phase is linear in frequency"
     first_values = (0.003, 0.01, 0.03, 0.07)

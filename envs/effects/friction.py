@@ -88,7 +88,7 @@ class _Coulomb(BoundEffect):
 
 
 class CoulombFriction(FieldEffect):
-    """Dry friction: a torque against the motion, whatever the speed; the joint sticks below it.
+    """Dry friction: a torque that opposes motion at any speed; below it the joint sticks.
 
     Friction that the model already has creeps by default; with this effect it sticks as well.
     """
@@ -124,7 +124,7 @@ class CoulombFriction(FieldEffect):
 
 
 class ViscousFriction(FieldEffect):
-    """A torque against the motion, in proportion to speed."""
+    """A torque that opposes motion, in proportion to speed."""
 
     name = "viscous_friction"
     place = "joint"

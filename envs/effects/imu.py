@@ -199,7 +199,7 @@ class ImuDelay(_ImuEffect):
     extras = ObservationDelay.extras
     typical = (0.0, 0.04)
     comparable = True
-    symptom = "the base seems to turn later than its legs move it"
+    symptom = "the base seems to turn after its legs have moved it"
     source = "y(t) = q(t - d): filters of the part, its rate, and the serial line"
     experiment = "rock the standing robot with its legs at two frequencies"
     first_values = (0.005, 0.015, 0.04)

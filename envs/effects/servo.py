@@ -311,7 +311,7 @@ class DeadZone(ActuatorEffect):
     sizes = Sizes("add", "one", 3e-3, 0.12)
     symptom = "the servo stops a fixed angle short, whatever the gain, and its PWM is zero there"
     source = (
-        "u = 0 if |e| < d, else kp (e - (1 - punch) d sign(e)); XL430 stop 4 to 5 counts short "
+        "u = 0 if |e| < d, else kp (e - (1 - punch) d sign(e)); an XL430 stops 4 to 5 counts short "
         "(answers.ros.org 303081); the compliance margin and punch of the AX-12's manual"
     )
     experiment = "very slow ramps without load, at two gains"

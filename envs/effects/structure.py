@@ -299,15 +299,13 @@ class Backlash(SeriesEffect):
     comparable = True
     sizes = Sizes("add", "one", 3e-3, 0.25)
     symptom = (
-        "nothing follows for a fixed angle after each reversal; the link rattles where"
+        "the link stays behind by a fixed angle after each reversal; the link rattles where"
         " no load holds it"
     )
     source = (
         "a hinge with limits in series; Dynamixel X: 15 arcmin (e-manual), SO-101 models: 1 degree"
     )
-    experiment = (
-        "slow reversals without load: a gap that does not depend on the load; a preload removes it"
-    )
+    experiment = "slow reversals: the gap does not depend on the load, and a preload removes it"
     first_values = (0.004, 0.015, 0.05, 0.15)
 
     def shape(self, joint: Any, timestep: float) -> None:

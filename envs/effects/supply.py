@@ -267,7 +267,7 @@ class ThermalDerating(ActuatorEffect):
     engines = BOTH
     unit = "1/(N²·m²·s)"
     extras = (
-        Extra("decay", "1/s", 0.0, 0.0, 1e3, "the rate at which it cools", typical=(0.0, 0.05)),
+        Extra("decay", "1/s", 0.0, 0.0, 1e3, "cooling rate", typical=(0.0, 0.05)),
         Extra(
             "braking",
             "",

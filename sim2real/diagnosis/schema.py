@@ -243,7 +243,7 @@ class Report:
         verdict: `no_gap`, `explained`, `partly_explained`, `fitted` or `unexplained`.
         gap: size of the gap, before and after.
         where: joints, the largest fraction first.
-        causes: causes, the one that closes the most first.
+        causes: causes, sorted by the fraction that each closes.
         unexplained: what is left.
         preflight: findings of the preflight.
         numerics: numerical tests of the simulator: "ok", or the result.
