@@ -36,8 +36,8 @@ class _Dense(BoundEffect):
 class LinkMass(FieldEffect):
     """Mass of a body, at its centre of mass.
 
-    Its inertia does not change (`inertia: kept`, a load near the centre) or follows in proportion (`scaled`,
-    another density).
+    Its inertia does not change (`inertia: kept`, a load near the centre) or scales with the mass
+    (`scaled`, another density).
 
     Args:
         inertia: `kept` or `scaled`.
@@ -184,7 +184,7 @@ class CenterOfMass(Effect):
     no_mjcf = None
     comparable = True
     sizes = Sizes("signed", "length", 0.03, 1.2)
-    symptom = "a pose-dependent sag, as from another mass, without its change of acceleration"
+    symptom = "a pose-dependent sag, as from another mass, but acceleration changes differently"
     source = "rigid body; CAD models are off by 5 to 20 %"
     experiment = "torque-off swings: the period separates inertia from gravity's lever arm"
     group = PLAIN
