@@ -166,7 +166,7 @@ def limited(spec: mujoco.MjSpec, where: str | None) -> None:
 
 
 class TorqueLimit(FieldEffect, ActuatorEffect):
-    """The largest torque at the joint, in both directions; an actuator without a limit gets one."""
+    """The largest torque at the joint, in both directions, also for actuators without a limit."""
 
     name = "torque_limit"
     place = "actuator"

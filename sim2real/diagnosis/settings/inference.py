@@ -82,7 +82,7 @@ class Inference:
         "number of changes simulated in addition to a cause, the best of the screening",
         COST,
     )
-    alike: int = setting(4, "1", "number of changes fitted in the place of each member", COST)
+    alike: int = setting(4, "1", "number of changes fitted instead of each member", COST)
     members_max: int = setting(
         4,
         "1",
