@@ -134,8 +134,8 @@ def scan(robot: Robot, keys: Keys, ask: Ask) -> None:
         driver.connect()
         ways = "fast reads" if driver.fast else "plain reads only"
         rate = 1 / driver.cycle_time()
-        tell(f"{robot.name}: all {len(driver)} servos are as its file says; {ways};")
-        tell(f"the bus allows {rate:.0f} steps a second, {robot.rate:g} are asked for")
+        tell(f"{robot.name}: all {len(driver)} servos match its file; {ways};")
+        tell(f"the bus allows {rate:.0f} steps per second; {robot.rate:g} are requested")
     finally:
         driver.close()
 
@@ -163,7 +163,7 @@ def setup(robot: Robot, keys: Keys, ask: Ask) -> None:
         for part in driver.parts:
             set_up(part.robot, part.bus_client, ask, tell)
         driver.connect()
-        tell(f"{robot.name}: all {len(driver)} servos are as its file says")
+        tell(f"{robot.name}: all {len(driver)} servos match its file")
     finally:
         driver.close()
 

@@ -1,4 +1,4 @@
-"""The servos of one robot in SI units: find them, set them up, read them, command them.
+"""The servos of one robot in SI units: find, set up, read and command them.
 
     driver = Driver(robot, port, clock)
     driver.connect()                        # identity, settings, speed; torque stays off
@@ -7,12 +7,12 @@
     driver.command(angles)
     driver.torque_off()                     # verified servo by servo; see `hardware/torque.py`
 
-Nothing moves here by itself, and no limit is checked: `hardware/safety.py` does that.
+The driver moves nothing by itself and checks no limits; `hardware/safety.py` does.
 
 One read takes registers 120 to 135 of all servos: the servo's own millisecond counter, PWM,
-current, velocity and position. The counter proves that the answer is new: an old or doubled answer
-does not fit the time that has passed. A servo without a new answer keeps its last values and is not
-`fresh`.
+current, velocity and position. The counter shows whether the answer is new: an old or doubled
+answer does not match the elapsed time. A servo without a new answer keeps its last values and is
+not `fresh`.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Driver(Torque):
     """The servos of a robot over a port.
 
     Args:
-        robot: the robot's file, calibration applied.
+        robot: the robot's file, with its calibration applied.
         port: a port of dynamixel-sdk, or the emulator's.
         clock: the time.
     """
@@ -97,21 +97,21 @@ class Driver(Torque):
 
     @property
     def parts(self) -> Sequence[Driver]:
-        """The drivers of the robot's buses: this one, where there is one."""
+        """Drivers of the robot's buses; only this one if there is one bus."""
         return [self]
 
     @property
     def counters(self) -> dict[str, Counters]:
-        """The link counters of each servo, by its name."""
+        """Link counters of each servo by name."""
         return {servo.name: self.bus_client.counters[servo.id] for servo in self.robot.servos}
 
     def connect(self) -> None:
-        """Open the port and check every servo; nothing is written, nothing moves.
+        """Open the port and check every servo, without writing or moving.
 
         Raises:
             SerialPortError: the port cannot be used.
-            ServoError: a servo is missing, is another one, shares its ID, answers too slowly, or is
-                set so that it would move by itself; the message says what to do.
+            ServoError: a servo is missing, of another type, shares its ID, answers too slowly, or
+                would move by itself with its settings; the message contains the remedy.
         """
         handshake.check_rate(self.robot)
         handshake.check_latency_timer(self.robot, self.bus_client)
@@ -137,14 +137,14 @@ class Driver(Torque):
         raise ServoError(f"{name}: it answers pings, but not reads; check cable and supply")
 
     def reconnect(self, patience: float) -> None:
-        """After a lost cable: try again, ever more slowly, until the servos are back; torque off.
+        """Retry after a lost cable, at growing intervals, until the servos answer; torque off.
 
         Args:
             patience: how long to try [s].
 
         Raises:
             SerialPortError: the port did not come back in that time.
-            ServoError: it did, but the servos are not as they were.
+            ServoError: the port came back, but the servos have changed.
         """
         end, pause = self.clock.now() + patience, FIRST_PAUSE
         while True:
@@ -159,16 +159,16 @@ class Driver(Torque):
             pause = min(2 * pause, LONGEST_PAUSE)
 
     def measure_link(self, limits: StopLimits) -> LinkScore | None:
-        """Measure after connecting what steps and answers are like here; be as patient as needed.
+        """Measure steps and answers after connecting, and set the patience accordingly.
 
-        What was good enough is not measured again. The emulated bus of this process keeps its own
-        time, and needs none of it.
+        A link that was good enough is not measured again, nor is the emulated bus of this process,
+        which has its own clock.
 
         Args:
-            limits: of a link that may drive the robot.
+            limits: those of a link that may drive the robot.
 
         Returns:
-            Whether it may; None for the emulated bus. Torque is as it was.
+            Whether it may; None for the emulated bus. Torque does not change.
         """
         if self.robot.port is None or (self.score is not None and self.score.go):
             return self.score
@@ -187,7 +187,7 @@ class Driver(Torque):
         return self.score
 
     def configure(self) -> None:
-        """Torque off, then write the robot's registers and verify each.
+        """Switch torque off, then write the robot's registers and verify each.
 
         Raises:
             ServoError: a register does not take its value.
@@ -201,11 +201,11 @@ class Driver(Torque):
         self._find_turns()  # another operating mode may count turns differently
 
     def read(self) -> Reading:
-        """Read all servos, and again those that did not answer."""
+        """Read all servos, and repeat for those that did not answer."""
         return self.begin_read()()
 
     def begin_read(self) -> Callable[[], Reading]:
-        """Ask all servos and return what waits for their answers; see `read`."""
+        """Request the readings of all servos and return a function that awaits them; see `read`."""
         asked = self.clock.now()
         finish = self.bus_client.begin_sync_read(*self.block, self.ids, self.fast)
         return lambda: self._read(asked, finish())
@@ -236,16 +236,16 @@ class Driver(Torque):
         )
 
     def counts(self, angles: np.ndarray) -> np.ndarray:
-        """Return the goal registers for these angles [rad], (n,) int64."""
+        """Return the goal registers of angles [rad], (n,) int64."""
         exact = self._zero - TURN * self._turns + self._sign * np.asarray(angles) / self._step
         return np.rint(exact).astype(np.int64)
 
     def angles(self, counts: np.ndarray) -> np.ndarray:
-        """Return the angles [rad] of these goal registers, (n,)."""
+        """Return the angles [rad] of goal registers, (n,)."""
         return self._sign * (counts + TURN * self._turns - self._zero) * self._step
 
     def command(self, angles: np.ndarray) -> np.ndarray:
-        """Send goal angles [rad], (n,), and return them as the servos' resolution has them."""
+        """Send goal angles [rad], (n,), and return them rounded to the servos' resolution."""
         counts = self.counts(angles)
         register = self._types[0].registers["goal_position"]
         goals = zip(self.ids, counts.tolist(), strict=True)
@@ -253,7 +253,7 @@ class Driver(Torque):
         return self.angles(counts)
 
     def health(self, i: int) -> Health | None:
-        """Read one servo's state; None without a new answer."""
+        """Read the state of one servo; None without a new answer."""
         asked = self.clock.now()
         reply = self.bus_client.read(self.ids[i], HEALTH, HEALTH_SIZE)
         if reply is None or len(reply.data) != HEALTH_SIZE:
@@ -291,7 +291,7 @@ class Driver(Torque):
         return read_register(self.bus_client, servo, name)
 
     def slow_link(self) -> str | None:
-        """Say by how much the newest answers were late, if that is more than a machine's jitter."""
+        """Report the delay of the newest answers, if it exceeds a machine's jitter."""
         late, allowed = max((p.bus_client.lateness, p.bus_client.patience) for p in self.parts)
         if late <= allowed:
             return None
@@ -301,11 +301,11 @@ class Driver(Torque):
         )
 
     def cycle_time(self) -> float:
-        """Return how long commanding and reading all servos takes on the wire [s]."""
+        """Return the bus time for commanding and reading all servos [s]."""
         return cycle_time(self.robot, self.fast)
 
     def close(self) -> None:
-        """Close the port; torque stays as it is."""
+        """Close the port; torque does not change."""
         self.bus_client.close()
 
     def _take(self, replies: Replies, numbers: list[int], asked: float) -> np.ndarray:
@@ -343,7 +343,7 @@ class Driver(Torque):
         """Take over what the servos are set to, and the robot's file leaves open: nothing here."""
 
     def set_watchdogs(self, steps: int) -> None:
-        """Let servos stop by themselves after a number of silent steps of 20 ms; 0 for never."""
+        """Make servos stop by themselves after so many silent steps of 20 ms; 0: never."""
         for servo in self.robot.servos:
             self.write_register(servo, "bus_watchdog", steps)
 

@@ -30,7 +30,7 @@ def check_rate(robot: Robot) -> None:
         raise ServoError(
             f"{robot.name}: {len(robot.servos)} servos at {bus.baud} bits/s, return delay "
             f"{bus.return_delay * 1e6:.0f} us and latency {bus.latency * 1e3:.0f} ms take "
-            f"{span * 1e3:.1f} ms a step: at most {1 / span:.0f} steps a second, not "
+            f"{span * 1e3:.1f} ms a step: at most {1 / span:.0f} steps per second, not "
             f"{robot.rate:g}; raise bus.baud, or lower bus.return_delay and bus.latency"
         )
 
@@ -45,7 +45,7 @@ def check_latency_timer(robot: Robot, client: BusClient) -> None:
     if latency is not None and latency > allowed:
         name = Path(client.port.port_name).resolve().name  # by-id names are links
         raise ServoError(
-            f"{name}: its latency timer is {latency * 1e3:.0f} ms, the robot's file says "
+            f"{name}: its latency timer is {latency * 1e3:.0f} ms, but the robot's file has "
             f"{allowed * 1e3:.0f}; run: setserial /dev/{name} low_latency"
         )
 
@@ -76,7 +76,7 @@ def check_servos(robot: Robot, client: BusClient) -> None:
         raise ServoError(found[0])
     if found:
         lines = "".join(f"\n  {each}" for each in found)
-        raise ServoError(f"{robot.name}: {len(found)} things are not as its file says:{lines}")
+        raise ServoError(f"{robot.name}: {len(found)} differences from its file:{lines}")
 
 
 def _pinged(client: BusClient, number: int) -> list[list[Reply]]:
@@ -95,7 +95,7 @@ def _other_model(servo: Servo, number: int) -> list[str]:
     if number == servo.type.number:
         return []
     found = servo_by_number(number, servo.type.maker) or f"a model of number {number}"
-    return [f"servo {servo.id} ({servo.name}) is {found}, the robot's file says {servo.model}"]
+    return [f"servo {servo.id} ({servo.name}) is {found}, but the robot's file has {servo.model}"]
 
 
 def _dangers(robot: Robot, client: BusClient, servo: Servo) -> list[str]:

@@ -1,4 +1,4 @@
-"""The trajectory log: what a robot, its emulator and a simulation write, one row per control step.
+"""The trajectory log of a robot, an emulator or a simulation: one row per control step.
 
     log = Log({"episode": [0, 0], "time": [0, 0.02], "ctrl.hinge": [1, 1], "qpos.hinge": [0, 0.1]})
     write_log("swing.csv", log)                     # and swing.json, if there is metadata
@@ -17,15 +17,14 @@ Columns (SI units):
   `flag.<name>` are optional; so are, of a joint under impedance control, `kp.<actuator>`
   [N·m/rad], `kd.<actuator>` [N·m·s/rad], `qvel_des.<actuator>` [rad/s] and `torque_ff.<actuator>`
   [N·m], and of an IMU at a site of the model `gyro.<site>.x` to `.z` [rad/s],
-  `accelerometer.<site>.x` to `.z` [m/s²] and `quat.<site>.w` to `.z`. Other columns are left out
-  with a warning.
+  `accelerometer.<site>.x` to `.z` [m/s²] and `quat.<site>.w` to `.z`. Other columns are
+  ignored with a warning.
 
-Metadata (`robot`, `model`, `settings`, and whatever else is known) lies in a JSON file of the same
-name, or in the Parquet schema; where both say something, the JSON file holds. Every number in a log
-is finite, so a reader need not ask: what a file lacks, or counts in another unit of time, is
-repaired when it is read (`hardware.formats.repair`), said, and kept under `reading` in the
-metadata. A robot's log is `NAME.csv.part` until it is whole (`hardware/log_writer.py`); one that
-was left over by a killed program is read like any other.
+Metadata (`robot`, `model`, `settings` and others) are stored in a JSON file of the same name, or in
+the Parquet schema; the JSON file takes precedence. Every number in a log is finite. Missing values
+and other units of time are repaired by the reader (`hardware.formats.repair`), which reports the
+repairs and stores them under `reading` in the metadata. A robot's log is `NAME.csv.part` until it
+is complete (`hardware/log_writer.py`); all readers accept the `.part` file of a killed program.
 """
 
 from __future__ import annotations
@@ -55,16 +54,16 @@ LARGEST = 1e9  # of these, in any unit that a robot may have
 
 @dataclass(frozen=True)
 class Log:
-    """One trajectory log in memory, checked.
+    """A checked trajectory log in memory.
 
     Args:
-        columns: name to values, (T,) each; `episode` becomes int64, everything else float64.
-        meta: metadata, as JSON can hold it.
-        path: the file it was read from.
+        columns: values by name, (T,) each; `episode` becomes int64, everything else float64.
+        meta: metadata, of JSON types.
+        path: the file that it was read from.
 
     Raises:
         LogError: a required column is missing, lengths differ, a number is not finite, time does
-            not increase, an episode comes in two parts or has fewer than 2 rows.
+            not increase, or an episode is split or has fewer than 2 rows.
     """
 
     columns: Mapping[str, np.ndarray]
@@ -88,29 +87,29 @@ class Log:
 
     @property
     def time(self) -> np.ndarray:
-        """Seconds from the episode's start, (T,)."""
+        """Time since the start of the episode [s], (T,)."""
         return self.columns["time"]
 
     @property
     def fresh(self) -> np.ndarray:
-        """In which rows all joints were read, (T,) bool: `flag.fresh`; all rows without it."""
+        """Whether all joints were read in a row, (T,) bool: `flag.fresh`, by default true."""
         return self.columns.get(FRESH, np.ones(len(self))) > 0
 
     @property
     def actuators(self) -> list[str]:
-        """The actuators that were commanded, in the order of the columns."""
+        """Names of the commanded actuators, in the order of the columns."""
         return [name[5:] for name in self.columns if name.startswith("ctrl.")]
 
     @property
     def joints(self) -> list[str]:
-        """The joints whose position was measured, in the order of the columns."""
+        """Names of the joints with measured positions, in the order of the columns."""
         return list(dict.fromkeys(_joint(n[5:]) for n in self.columns if n.startswith("qpos.")))
 
     @property
     def model(self) -> Path | None:
-        """The MJCF that the metadata names, seen from the log's folder, or one of its name there.
+        """Path of the MJCF that the metadata name, relative to the log's folder.
 
-        So a log that was moved finds the model that was moved with it.
+        If it does not exist, a file of the same name next to the log is used.
         """
         name = self.meta.get("model")
         if name is None:
@@ -121,7 +120,7 @@ class Log:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """Servo registers by actuator: labels to group logs by."""
+        """Servo registers by actuator, by which logs are grouped."""
         return self.meta.get("settings", {})
 
     def column(self, name: str) -> np.ndarray:
@@ -148,10 +147,10 @@ class Log:
 
 
 def read_log(path: str | Path) -> Log:
-    """Read one log: a CSV or Parquet file, or what another tool wrote (`hardware.formats`).
+    """Read one log: CSV, Parquet, or a format of another tool (`hardware.formats`).
 
     Raises:
-        LogError: the file is missing, is not a log, or breaks a rule of `Log`; the message says
+        LogError: the file is missing, is not a log, or violates a rule of `Log`; the message names
             file, row and column.
     """
     path = Path(path).expanduser()
@@ -173,10 +172,10 @@ def read_log(path: str | Path) -> Log:
 def read_logs(source: str | Path | Iterable[str | Path]) -> list[Log]:
     """Read a file, all logs of a folder (sorted by name), a LeRobot data set, or a list of these.
 
-    A folder may hold logs of any format.
+    A folder may contain logs of any format.
 
     Raises:
-        LogError: nothing is there, or a file breaks a rule of `read_log`.
+        LogError: there are no logs, or a file violates a rule of `read_log`.
     """
     if not isinstance(source, str | Path):
         logs = [log for part in source for log in read_logs(part)]
@@ -195,13 +194,13 @@ def read_logs(source: str | Path | Iterable[str | Path]) -> list[Log]:
 
 
 def write_log(path: str | Path, log: Log) -> Path:
-    """Write a log, whole or not at all; CSV or Parquet, as the name ends.
+    """Write a log as CSV or Parquet, according to its suffix, whole or not at all.
 
-    A CSV's metadata goes to a JSON file of the same name, a Parquet's into its schema; the model's
-    path is written as seen from the log.
+    Metadata of a CSV are written to a JSON file of the same name, those of a Parquet file into its
+    schema. The model's path is written relative to the log.
 
     Raises:
-        LogError: the ending is neither, or pyarrow is needed and missing.
+        LogError: the suffix is neither, or pyarrow is needed and missing.
     """
     path = Path(path)
     if path.suffix == ".parquet":

@@ -57,7 +57,7 @@ class StepTimes(NamedTuple):
                 f"{one_in} {slow} of {period * 1e3:.1f} ms",
                 self.slow / period,
                 f"{place}: {one_in} {slow} or more (half of them {self.typical * 1e3:.1f} ms), and "
-                f"{robot.rate:g} steps a second leave {period * 1e3:.1f} ms; end other programs, "
+                f"{robot.rate:g} steps per second leave {period * 1e3:.1f} ms; end other programs, "
                 f"or give a rate of at most {np.floor(1 / max(self.slow, period)):.0f}",
             )
         ]

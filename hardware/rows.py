@@ -287,13 +287,13 @@ def _check_robot(task: Any, names: list[str], backend: Backend) -> None:
         hint = did_you_mean(machine.name, [robot.name])
         raise RobotError(
             f"{type(task).__name__} is a task of the robot {machine.name!r} with the servos "
-            f"{format_names(names)}, and this is {robot.name!r} with "
+            f"{format_names(names)}, but this robot is {robot.name!r} with "
             f"{format_names(robot.names)}{hint}; give "
             f"robot={machine.name}, or a policy that was trained for {robot.name}"
         )
     if abs(robot.rate - machine.rate) > 1e-9:
         raise RobotError(
-            f"{robot.name}: rate {robot.rate:g}, but the task runs {machine.rate:g} steps a "
+            f"{robot.name}: rate {robot.rate:g}, but the task runs {machine.rate:g} steps per "
             f"second; give robot.rate={machine.rate:g}, or train at {robot.rate:g}"
         )
 
@@ -302,7 +302,7 @@ def _check_sensors(rows: RobotRows, needs: tuple[set[str], set[str]]) -> None:
     lacking = sorted(needs[0] - set(rows.backend.sensor_names))
     if lacking:
         raise RobotError(
-            f"{type(rows.task).__name__} observes {format_names(lacking)}, and "
+            f"{type(rows.task).__name__} observes {format_names(lacking)}, but "
             f"{rows.backend.robot.name} has no such sensor; give imu_port= if its file names an "
             "IMU that measures it, or ServoBackend(sensors=...), see hardware/body.py"
         )

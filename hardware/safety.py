@@ -1,18 +1,18 @@
-"""The only hand that moves a robot: limits on every command, and torque off whatever happens.
+"""The only code that moves a robot: it limits commands and always switches torque off.
 
     with Guard(driver) as guard:            # torque off at the end, also on Ctrl-C and exceptions
         guard.arm()                         # safe start: goal = present position, then torque on
-        guard.move_to(start, speed=0.5)     # slowly to where the episode starts
+        guard.move_to(start, speed=0.5)     # slowly to the start of the episode
         while True:
             pace.wait()
             reading = guard.read()
-            sent = guard.command(angles)    # Sent(angles, limited): what was really sent, and why
+            sent = guard.command(angles)    # Sent(angles, limited): the command as sent, and why
 
 A command is refused if it is not finite, clamped to each joint's limits, and moved from the last
-command by at most `max_step` and the joint's velocity. The robot is stopped, torque off and
-verified, with a SafetyError that says why, when answers fail to come, a servo reports an error,
-restarts, gets too hot, has its watchdog trip, does not take its goals or does not follow them.
-While armed, the servos' own watchdogs stop them if this program dies.
+command by at most `max_step` and the joint's velocity. The robot is stopped, with torque off and
+verified, if answers are missing, or if a servo reports an error, restarts, overheats, trips its
+watchdog, or does not accept or follow its goals. A SafetyError contains the reason. While armed,
+the servos' own watchdogs stop them if this program ends.
 """
 
 import logging
@@ -48,8 +48,8 @@ class Guard:
 
     Args:
         driver: connected and configured servos.
-        limits: when to stop.
-        dry_run: read and check everything, but write no goal and no torque.
+        limits: thresholds for stopping.
+        dry_run: read and check everything, but write neither goals nor torque.
     """
 
     def __init__(
@@ -79,19 +79,19 @@ class Guard:
 
     @property
     def health(self) -> list[Health | None]:
-        """The newest state of each servo."""
+        """Newest state of each servo."""
         return self._watch.state
 
     def arm(self) -> Reading:
-        """Switch torque on without a movement, and return where the robot is.
+        """Switch torque on without moving, and return the reading.
 
         Raises:
-            SafetyError: a servo is outside its limits, too hot, at another voltage than the
-                robot's file says, or reports an error.
-            ServoError: the link's score means no-go (see `hardware/rehearsal.py`), or a servo does
-                not follow its command.
-            HardwareError: whatever it is, torque is off again, or the message says where it may
-                not be.
+            SafetyError: a servo is outside its limits, too hot, at another voltage than in the
+                robot's file, or reports an error.
+            ServoError: the link score is below 0 (see `hardware/rehearsal.py`), or a servo does not
+                follow its command.
+            HardwareError: after any error torque is off, or the message names the servos where it
+                may still be on.
         """
         try:
             return self._arm()
@@ -139,7 +139,7 @@ class Guard:
             raise ServoError(f"{error}; {still}") from error
 
     def command(self, angles: np.ndarray) -> Sent:
-        """Send what is safe of the wanted angles [rad], (n,), and return what was sent.
+        """Send requested angles [rad], (n,), within the limits, and return those sent.
 
         Raises:
             SafetyError: the robot is not armed, or an angle is not finite; the robot is stopped.
@@ -168,7 +168,7 @@ class Guard:
         self._commanded = now
 
     def read(self) -> Reading:
-        """Read all servos, and one servo's health in turn; stop if something is wrong.
+        """Read all servos, and the health of one in turn; stop if something is wrong.
 
         Raises:
             SafetyError: with the servo and the reason; the robot is stopped.
@@ -178,7 +178,7 @@ class Guard:
         return reading
 
     def measure(self) -> Reading:
-        """Read all servos; stop if one is silent, in trouble or astray. A part of `read`.
+        """Read all servos; stop if one is silent, reports an error or strays. A part of `read`.
 
         Raises:
             SafetyError: with the servo and the reason; the robot is stopped.
@@ -193,7 +193,7 @@ class Guard:
         return reading
 
     def inspect(self) -> None:
-        """Ask the next servo in turn for its health; stop if it is not well. A part of `read`.
+        """Read the health of the next servo; stop if it is not healthy. A part of `read`.
 
         Raises:
             SafetyError: with the servo and the reason; the robot is stopped.
@@ -215,10 +215,10 @@ class Guard:
             self._stop_for(reason)
 
     def move_to(self, angles: np.ndarray, speed: float = 0.5) -> Reading:
-        """Go to a pose [rad], (n,), at this speed [rad/s], and return the last reading.
+        """Move to a pose [rad], (n,), at a speed [rad/s], and return the last reading.
 
         Raises:
-            SafetyError: something went wrong on the way; the robot is stopped.
+            SafetyError: something went wrong during the motion; the robot is stopped.
         """
         rate = self.driver.robot.rate
         pace = FixedRate(self.driver.clock, rate)
@@ -247,10 +247,10 @@ class Guard:
         self._slack = True
 
     def restore_torque(self) -> Reading:
-        """Switch torque on again where the robot is, and return the reading it holds.
+        """Switch torque on again at the current pose, and return the reading that it holds.
 
         Raises:
-            SafetyError: a joint is outside its limits, or a servo does not obey.
+            SafetyError: a joint is outside its limits, or a servo does not follow.
         """
         try:
             reading = self._whole_reading()
@@ -269,10 +269,10 @@ class Guard:
             self._stop_for(str(error))
 
     def stop(self) -> None:
-        """Switch torque off and verify; safe to call at any time, as often as you like.
+        """Switch torque off and verify; can be called at any time and repeatedly.
 
-        A bus that is gone is tried again for `return_time`. Signals that come meanwhile are noted,
-        and end the program afterwards.
+        A lost bus is retried for `return_time`. Signals that arrive meanwhile end the program
+        afterwards.
 
         Raises:
             ServoError: a servo did not confirm; it may still be powered: cut the supply.
@@ -371,7 +371,7 @@ class Guard:
             raise SafetyError(f"{error}; it came back, and torque is off") from error
 
     def abort(self, reason: str) -> NoReturn:
-        """Stop the robot for a reason that its servos do not know, and raise it."""
+        """Stop the robot for an external reason, and raise it."""
         self._stop_for(reason)
 
     def _stop_for(self, reason: str) -> NoReturn:

@@ -56,7 +56,7 @@ def explain_failure(name: str, error: BaseException) -> str:
     if number == errno.ENOENT:
         there = format_names(port.device for port in serial_ports())
         return (
-            f"{name}: there is no such port; is the cable in? There are: {there} "
+            f"{name}: no such port; is the cable in? Available: {there} "
             "(python -m hardware find-port)"
         )
     if number in (errno.EACCES, errno.EPERM):

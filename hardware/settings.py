@@ -76,7 +76,7 @@ def _slow(client: BusClient, robot: Robot, servo: Servo) -> list[Difference]:
     allowed = round(robot.bus.return_delay / unit)
     if delay <= allowed:
         return []
-    why = f"it waits {delay * unit * 1e6:.0f} us before it answers (or set bus.return_delay)"
+    why = f"answers after {delay * unit * 1e6:.0f} us (or set bus.return_delay)"
     return [Difference(servo, "return_delay_time", delay, allowed, why)]
 
 

@@ -1,4 +1,4 @@
-"""When the guard stops a robot, and when it does not arm one: each threshold is a setting.
+"""Thresholds at which the guard stops a robot, or does not arm it.
 
 Guard(driver, StopLimits(odd_voltage=0.3))
 """
@@ -14,27 +14,27 @@ PARTS = ("slow_steps", "longest_pause", "lost", "stale")  # of a whole: at most 
 
 @dataclass(frozen=True)
 class StopLimits:
-    """When to stop, and when not to arm.
+    """Thresholds for stopping and for arming.
 
     Args:
-        misses: number of consecutive readings without one servo's answer after which it stops.
-        hottest: stop this far below the servo's temperature limit, read from its register [K].
-        stray: stop when a joint is this far from its command [rad], or so far that a soft servo
-            drives at full duty if that is further, for longer than `patience`.
-        patience: how long a joint may stray, or a servo be over its limit of current or load [s].
-        outside: arm only if no joint is further outside its limits than this [rad]; the first
-            commands then lead it back in.
-        odd_voltage: stop when the supply differs from the robot's file by this part of it.
-        return_time: how long to retry a bus that disappeared, for torque-off [s].
-        slow_steps: arm only if at most this part of the control steps takes longer than their
+        misses: stop after this number of consecutive readings without an answer of one servo.
+        hottest: stop at this distance below the servo's temperature limit register [K].
+        stray: stop if a joint is this far from its command [rad] for longer than `patience`; for
+            a soft servo, as far as it takes to drive at full duty, if that is further.
+        patience: time for which a joint may stray, or a servo exceed its current or load limit [s].
+        outside: arm only if no joint is further outside its limits [rad]; the first commands then
+            move it back inside.
+        odd_voltage: stop if the supply differs from the robot's file by this fraction.
+        return_time: time for which a lost bus is retried to switch torque off [s].
+        slow_steps: arm only if at most this fraction of the control steps takes longer than their
             period. Judgement; not studied.
-        longest_pause: arm only if no pause between steps takes more than this part of the servos'
-            watchdog. Judgement: half of it is left for what a rehearsal of a second does not meet.
-        lost: arm only if at most this part of one servo's answers is lost. Derived: a reading
-            without an answer is repeated at once, so that `misses` = 5 in a row have a probability
-            of 0.05^10 = 1e-13.
-        stale: arm only if at most this part of one servo's answers is of an earlier question. As
-            many held readings shift a joint's recorded motion by 0.05 of a step on average.
+        longest_pause: arm only if no pause between steps exceeds this fraction of the servos'
+            watchdog. Judgement: the other half is a margin beyond a rehearsal of one second.
+        lost: arm only if at most this fraction of a servo's answers is lost. Derived: a reading
+            without an answer is repeated once immediately, so `misses` = 5 in a row have a
+            probability of 0.05^10 = 1e-13.
+        stale: arm only if at most this fraction of a servo's answers belongs to an earlier
+            request. So many held readings shift a joint's motion by 0.05 steps on average.
     """
 
     misses: int = 5

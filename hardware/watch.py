@@ -132,7 +132,7 @@ class Watch:
         name, volts = self._names[i], self._driver.robot.supply_of(self._servos[i]).voltage
         if health.temperature >= self._hottest[i]:
             return (
-                f"{name} has {health.temperature:.0f} °C; let it cool (at most "
+                f"{name} is at {health.temperature:.0f} °C; let it cool (at most "
                 f"{self._hottest[i]:.0f}: its own limit less stops.hottest)"
             )
         if abs(health.voltage - volts) > self._limits.odd_voltage * volts:

@@ -25,19 +25,19 @@ KEYS = {
     *("trainings", "cost", "command"),
 }
 SHARE = 0.25  # of rows that may be without a figure
-HEAD = """# The seeds' tables, and ours
+HEAD = """# Five works, and our figures
 
-Five works stand at this project's beginning. Each row of their tables stands here beside what this
-project measured. `python -m benchmarks.seeds` makes this page of the committed results in
-[benchmarks/results](../benchmarks/results/README.md) and of `benchmarks/seeds/rows.yaml`, which
-holds the figures of the seeds with their sources.
+The project began with five works. This page lists every row of their tables: the original figures
+next to ours. `python -m benchmarks.seeds` generates it from
+[benchmarks/results](../benchmarks/results/README.md) and from `benchmarks/seeds/rows.yaml`, which
+contains the original figures and their sources.
 
-* Figures are means over training seeds, or interquartile means (IQM) where it says so. Brackets are
-  95 % bootstrap intervals over training seeds.
-* A claim **holds**, or is **contradicted**, where the whole interval of the difference says so, and
-  is **undecided** between. The number behind a claim is by how much it holds. Fewer than five runs
-  make intervals too narrow, and are marked.
-* Steps and CPU minutes are those of one training seed; a dash where they were not recorded.
+* Figures are means over training seeds, or interquartile means if marked IQM. Brackets are 95 %
+  bootstrap intervals over training seeds.
+* A claim **holds** or is **contradicted** if the whole interval of the difference lies on one side;
+  otherwise it is **undecided**. The number after a claim is its margin. With fewer than five runs,
+  intervals are too narrow and are marked.
+* Steps and CPU minutes are per training seed; a dash means that they were not recorded.
 """
 
 
@@ -113,10 +113,10 @@ def page(content: Mapping[str, Any], folder: Path) -> str:
     parts = [HEAD, _summary(every)]
     for seed, title in content["seeds"].items():
         parts += [
-            f"## Seed {seed}: {title}\n",
+            f"## {title[0].upper()}{title[1:]}\n",
             _table([r for r in every if r.about["seed"] == seed]),
         ]
-    parts += ["## What is not run, cheapest first\n", _missing(every)]
+    parts += ["## Rows not run, cheapest first\n", _missing(every, content["seeds"])]
     return "\n".join(part.rstrip("\n") + "\n" for part in parts)
 
 
@@ -124,16 +124,16 @@ def _summary(every: Sequence[Row]) -> str:
     missing = sum(not row.run for row in every)
     answers = [verdict.answer for row in every for verdict in row.verdicts]
     counts = {answer: answers.count(answer) for answer in dict.fromkeys(answers)}
-    told = ", ".join(f"{count} {answer}" for answer, count in sorted(counts.items()))
+    listed = ", ".join(f"{answer} {count}" for answer, count in sorted(counts.items()))
     return (
-        f"{len(every) - missing} of {len(every)} rows have a figure of ours, {missing} "
-        f"({missing / len(every):.0%}) are not run; {SHARE:.0%} may be. "
-        f"Of {len(answers)} claims: {told}."
+        f"We have figures for {len(every) - missing} of {len(every)} rows; {missing} "
+        f"({missing / len(every):.0%}) were not run (at most {SHARE:.0%} are allowed). "
+        f"Of {len(answers)} claims: {listed}."
     )
 
 
 def _table(chosen: Sequence[Row]) -> str:
-    columns = ("row", "the seed", "ours", "runs", "steps", "CPU min", "verdict", "command")
+    columns = ("row", "original", "ours", "runs", "steps", "CPU min", "verdict", "command")
     table = Table(columns)
     for row in chosen:
         table.add(*_cells(row))
@@ -183,16 +183,18 @@ def _span(numbers: Sequence[float], form: str) -> str:
     return shown[0] if shown[0] == shown[1] else f"{shown[0]} to {shown[1]}"
 
 
-def _missing(every: Sequence[Row]) -> str:
+def _missing(every: Sequence[Row], titles: Mapping[str, str]) -> str:
     left = sorted((r for r in every if not r.run), key=lambda row: row.hours or 0.0)
-    table = Table(("row", "seed", "CPU hours", "command"))
+    table = Table(("row", "work", "CPU hours", "command"))
     for row in left:
         hours = "–" if row.hours is None else f"{'about ' * row.estimated}{row.hours:.2g}"
-        table.add(row.about["about"], row.about["seed"], hours, _command(row))
+        table.add(
+            row.about["about"], titles[row.about["seed"]].partition(",")[0], hours, _command(row)
+        )
     if not left:
         return "Nothing."
     allowed = int(SHARE * len(every))
     first = max(0, len(left) - allowed)
     many = "the first row" if first == 1 else f"the first {first} rows"
-    note = f"With {many} of this table no more than {SHARE:.0%} are without a figure."
+    note = f"After {many} of this table, at most {SHARE:.0%} would have no figure."
     return table.markdown() + (f"\n{note}\n" if first else "")

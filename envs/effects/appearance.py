@@ -24,7 +24,7 @@ class Appearance(Effect):
 
     visible_in_replay = False
     no_mjcf = "it changes images, not how the robot moves"
-    symptom = "nothing in a log: only images change"
+    symptom = "none in a log; only images change"
     source = "appearance randomization, Tobin et al. 2017"
     experiment = "photographs of the robot at several times of the day"
     part: ClassVar[Literal["light", "camera"]]  # what the model must have

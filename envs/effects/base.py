@@ -1,15 +1,13 @@
 """An effect: one named way in which a robot differs from its model.
 
-A new effect is one class: its `parameters` say what scalars it has on a given model, `bind`
-connects it to a plant. It is then known to randomization, evaluation grids, `effects.yaml` and
-diagnosis alike.
+A new effect is one class: its `parameters` list its scalars on a given model, and `bind` connects
+it to a plant. Randomization, evaluation grids, `effects.yaml` and diagnosis then all use it.
 
     class DryFriction(FieldEffect):
         name, place, unit, hows = "dry_friction", "joint", "N·m", ("add", "set")
         field = "dof_frictionloss"
 
-An effect is absent at its parameters' neutral values: the plant then behaves as if it were not
-there.
+At its parameters' neutral values, an effect does not change the plant.
 """
 
 import math
@@ -42,22 +40,20 @@ PLAIN, RULES = "plain", "rules"  # groups of effects that can be simulated in on
 
 
 class Effect:
-    """A named way to differ from the model; a plant binds it.
+    """A named difference from the model, bound by a plant.
 
     Args:
         where: the joint, actuator, body or geom. None: the whole robot; for a joint effect every
             joint that an actuator drives, for an actuator effect every actuator that can have it,
             with one value for all.
-        how: `set`, `add` or `scale`; None takes the effect's first way.
-        side: for backlash and compliance: `motor` (the encoder is before them) or `link` (the servo
-            sees them).
-        free: the extras that are separate parameters, to be drawn or fitted; the others are
-            constants.
-        extra: values of the extras that are constants, or neutral values of the free ones.
+        how: `set`, `add` or `scale`; None: the first that the effect lists.
+        side: for backlash and compliance, the side of the encoder: `motor` or `link`.
+        free: extras that are parameters, to be drawn or fitted; the others are constants.
+        extra: values of constant extras, and neutral values of free extras.
 
     Raises:
-        EffectError: a way, side or extra that the effect does not have, or a missing or needless
-            place.
+        EffectError: the effect does not have this `how`, side or extra, or `where` is missing or
+            not allowed.
     """
 
     name: ClassVar[str]
@@ -171,11 +167,11 @@ class Effect:
         return values
 
     def label(self, *scalar: str) -> str:
-        """Return the name of the effect's parameter, or of one of its further scalars."""
+        """Return the name of the effect's parameter or of one of its extras."""
         return ".".join([self.name, *([self.where] if self.where else []), *scalar])
 
     def parameter(self, *scalar: str, **changes: Any) -> Parameter:
-        """Return a Parameter with this effect's name, place, way, unit and the given changes."""
+        """Return a Parameter with this effect's name, location, `how` and unit, and changes."""
         own: dict[str, Any] = {
             "side": self.side,
             "unit": self.unit,
@@ -185,7 +181,7 @@ class Effect:
         return Parameter(self.label(*scalar), self.name, self.where, **{**own, **changes})
 
     def options(self) -> dict[str, Any]:
-        """Return the arguments that are not numbers, by name, as `effects.yaml` keeps them."""
+        """Return the non-numeric arguments by name, as in `effects.yaml`."""
         return {}
 
     def free_parameters(self) -> tuple[Parameter, ...]:
@@ -206,20 +202,20 @@ class Effect:
         return np.full(len(values), self.extra[name])
 
     def edit(self, spec: mujoco.MjSpec) -> None:
-        """Add to the model's structure what the effect needs."""
+        """Add the elements that the effect needs to the model."""
 
     @property
     def edits(self) -> bool:
-        """Whether the effect adds to the model's structure, so that it has to be recompiled."""
+        """Whether the effect adds elements, so that the model has to be recompiled."""
         return type(self).edit is not Effect.edit
 
     def check(self, model: mujoco.MjModel) -> None:
-        """Raise EffectError for a model that cannot have the effect: it lacks the joint, say."""
+        """Raise EffectError if the model cannot have the effect, for example without the joint."""
         if self.place == "joint":
             joints(model, self.where)
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the parameters on this model: by default its value, then the free extras.
+        """Return the parameters on this model: by default the value, then the free extras.
 
         Raises:
             EffectError: the model cannot have the effect.
@@ -241,12 +237,12 @@ class Effect:
 
     @property
     def variant(self) -> str:
-        """What tells it apart from the same effect at the same place: `link side`; "" if none."""
+        """Return what distinguishes it from the same effect at its location: `link side` or ""."""
         return f"{self.side} side" if self.side else ""
 
     @classmethod
     def places(cls, scale: RobotScale) -> list[str | None]:
-        """Return where on a robot a search should look for it; None is all of it."""
+        """Return the locations on a robot that a search tries; None: the whole robot."""
         kinds = {"joint": scale.joints, "actuator": scale.actuators, "body": scale.bodies}
         if cls.place not in kinds:
             return [None]
@@ -255,10 +251,10 @@ class Effect:
 
     @classmethod
     def variants(cls, scale: RobotScale) -> list[dict[str, Any]]:
-        """Return the arguments, other than `where`, with which a search should try the effect.
+        """Return the arguments other than `where` that a search tries.
 
-        Every side, with the extras free that a fit moves. Extras that must be given are taken from
-        what is known of the robot; none is returned where one is not known.
+        All sides are tried, with the fitted extras free. Required extras are taken from the robot;
+        if one is unknown, nothing is returned.
         """
         needed = [e.name for e in cls.extras if e.default is None]
         if not scale.known.keys() >= set(needed):
@@ -269,10 +265,10 @@ class Effect:
         return [{"side": side, **more} for side in cls.sides] or [more]
 
     def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return values that span what the effect may be on a robot, where a search looks first.
+        """Return values that span the usual range on a robot, with which a search starts.
 
         Args:
-            scale: the robot's sizes.
+            scale: sizes of the robot.
 
         Returns:
             (K,), or (K, k) for its first k parameters; the others stay neutral.
@@ -286,10 +282,10 @@ class Effect:
         return np.concatenate([values, -values]) if low < 0 else values
 
     def batch(self) -> str:
-        """Return the group whose effects can be simulated side by side in one batch.
+        """Return the group of effects that can be simulated in one batch.
 
-        `PLAIN` for effects that write model fields alone, `RULES` for those that are stepped from
-        Python; by itself where it adds to the structure, or does not say.
+        `PLAIN` for effects that only write model fields, `RULES` for effects stepped from Python;
+        a separate group if the effect adds elements or does not state its group.
         """
         return self.group or self.name
 
@@ -298,21 +294,21 @@ class Effect:
         return self.no_mjcf
 
     def to_mjcf(self, spec: mujoco.MjSpec, model: mujoco.MjModel, values: Sequence[float]) -> None:
-        """Write the effect into a spec, where `own_mjcf` says so.
+        """Write the effect into a spec, if `own_mjcf` is set.
 
         Args:
-            spec: the model, with what other effects write.
-            model: the same compiled.
-            values: of its parameters.
+            spec: the model, with the other effects.
+            model: the same model, compiled.
+            values: values of its parameters.
         """
         raise NotImplementedError(f"{self.name} is written through the model fields of its plant")
 
     @classmethod
     def draw_extras(cls, units: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:
-        """Draw the further scalars of an effect that an exam hides.
+        """Draw the extras of an effect that an exam hides.
 
         Args:
-            units: what sizes multiply, at its place.
-            rng: draws.
+            units: scales of the sizes at its location.
+            rng: random generator.
         """
         return {}

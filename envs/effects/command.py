@@ -47,7 +47,7 @@ class CommandDelay(Effect):
     no_mjcf = None
     comparable = True
     sizes = Sizes("add", "one", 1e-3, 0.1)
-    symptom = "everything happens later by the same time, at all speeds and amplitudes"
+    symptom = "everything happens later by the same delay, at all speeds and amplitudes"
     source = "u(t) = u_cmd(t - d); MuJoCo XML reference, actuator/delay"
     experiment = "steps from rest (dead time), and a chirp: the phase is linear in frequency"
     first_values = (0.003, 0.01, 0.03, 0.07)
@@ -112,7 +112,7 @@ class PacketLoss(Effect):
     typical = (0.0, 0.1)
     visible_in_replay = False
     no_mjcf = "it is random"
-    symptom = "now and then a step of the command is missing in the motion"
+    symptom = "the motion occasionally skips a step of the command"
     source = "held commands with independent losses; bus error counters"
     experiment = "count the failed status packets; no motion is needed"
     limits = (0.0, 1.0)
@@ -287,7 +287,7 @@ class ProfileVelocity(_ProfileEffect):
     limit = "velocity"
     typical = (1.0, 20.0)
     sizes = Sizes("limit", "fastest", 1.0, 100.0)
-    symptom = "large steps become ramps of one slope, small ones stay"
+    symptom = "large steps become ramps of one slope, small ones do not change"
     source = "|dgoal/dt| <= v; Dynamixel Profile Velocity (112), Feetech goal speed"
     experiment = "steps of two sizes: the slope does not depend on the size"
 

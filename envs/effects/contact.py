@@ -250,9 +250,7 @@ class ContactStiffness(_ContactEffect):
     typical = (0.1, 10.0)
     no_mjcf = None
     symptom = "landings that are softer or harder, and feet that sink in"
-    source = (
-        "MuJoCo documentation, Modeling, solver parameters: stiffness goes with 1 / time constant²"
-    )
+    source = "MuJoCo documentation, Modeling, solver parameters: stiffness ~ 1 / time constant²"
     experiment = "drop tests from two heights"
     group = PLAIN
 

@@ -129,7 +129,7 @@ class TorqueSpeedKnee(ActuatorEffect):
     no_mjcf = "MJCF has no force range that depends on the speed"
     symptom = "fast motions under load fall behind, slow ones with the same torque do not"
     source = "|tau| <= tau_max min(1, (w0 - |w|) / (w0 - wk)): a motor's back-EMF at full voltage"
-    experiment = "the largest steps, up and down, at two supply voltages: the slope has a ceiling"
+    experiment = "the largest steps, up and down, at two supply voltages: the slope is limited"
     group = RULES
     limits, neutral = (1e-3, NO_KNEE), NO_KNEE
     law = _Knee
@@ -178,7 +178,7 @@ class _Lag(_DriveRule):
 class ActuatorLag(ActuatorEffect):
     """A first-order lag of the motor's torque; the value is its time constant.
 
-    It models a current loop with the winding's inductance, or a drive train that winds up. Back-EMF
+    It models a current loop with the winding's inductance, or an elastic drive train. Back-EMF
     is not delayed.
     """
 
@@ -187,7 +187,7 @@ class ActuatorLag(ActuatorEffect):
     unit = "s"
     typical = (0.0, 0.03)
     no_mjcf = "MJCF filters an actuator's command, not its torque"
-    symptom = "the torque builds up late: overshoot and ringing where the gains should be damped"
+    symptom = "the torque builds up late: overshoot and ringing despite well-damped gains"
     source = "T dtau/dt = tau_law - tau; MuJoCo XML reference, dyntype filterexact, on the torque"
     experiment = "small fast steps at a high gain; log the current if the servo reports it"
     limits = (0.0, np.inf)
@@ -231,8 +231,8 @@ class _Integral(_DriveRule):
 class IntegralAction(ActuatorEffect):
     """The integral term of a position servo: force = kp (e + value ∫ e dt) - kv w.
 
-    The integral stands still while the force is at its limit; it is 0 at the start of an episode
-    and while torque is off.
+    The integral is frozen while the force is at its limit, and is 0 at the start of an episode and
+    while torque is off.
     """
 
     name = "integral_action"

@@ -88,9 +88,9 @@ class _Coulomb(BoundEffect):
 
 
 class CoulombFriction(FieldEffect):
-    """Dry friction: a torque against the motion, whatever the speed; the joint sticks below it.
+    """Dry friction: a torque that opposes motion at any speed; below it the joint sticks.
 
-    Friction that the model has already, which creeps by default, then sticks as well.
+    Friction that the model already has creeps by default; with this effect it sticks as well.
     """
 
     name = "coulomb_friction"
@@ -103,7 +103,7 @@ class CoulombFriction(FieldEffect):
     comparable = True
     sizes = Sizes("add", "stall", 2e-3, 0.3)
     shared = True
-    symptom = "the joint stops short of its goal, from both sides, and flattens at every reversal"
+    symptom = "the joint stops short of its goal from both sides, and sticks at every reversal"
     source = (
         "tau = -K sgn(w), sticking below K; MuJoCo XML reference, joint/frictionloss, made stiff"
     )
@@ -124,7 +124,7 @@ class CoulombFriction(FieldEffect):
 
 
 class ViscousFriction(FieldEffect):
-    """A torque against the motion, in proportion to speed."""
+    """A torque that opposes motion, in proportion to speed."""
 
     name = "viscous_friction"
     place = "joint"
@@ -137,7 +137,7 @@ class ViscousFriction(FieldEffect):
     shared = True
     symptom = "lag in proportion to speed, and swings that die out exponentially"
     source = "tau = -K w; MuJoCo XML reference, joint/damping"
-    experiment = "a swing with the motor switched off, which has no back-EMF"
+    experiment = "a swing with the motor off, without back-EMF"
 
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return sizes that cost fractions of the torque at speed, and less than the model has."""

@@ -139,7 +139,7 @@ class StribeckFriction(_RuledFriction):
     no_mjcf = "MJCF has no friction that depends on the speed"
     sizes = Sizes("add", "stall", 2e-3, 0.3)
     shared = True
-    symptom = "stick-slip: slow motions go in jumps, fast ones are smooth"
+    symptom = "stick-slip: slow motions are jerky, fast ones are smooth"
     source = (
         "Armstrong-Hélouvry 1991; Kcs exp(-|w/ws|^a), as in Rhoban's BAM (arXiv 2410.08650) M2;"
         " bristles: Canudas de Wit, Olsson, Åström, Lischinsky 1995, in linearly implicit steps"
@@ -263,7 +263,7 @@ class _OneWay(_FrictionRule):
 
 
 class AsymmetricFriction(_RuledFriction):
-    """Additional dry friction in one direction: of positive speeds if the value is positive.
+    """Additional dry friction in one direction: for positive speeds if the value is positive.
 
     It acts as friction value / 2 in both directions and a constant torque -value / 2, so a
     preloaded spring looks the same. `rise` is the fraction of the value by which the mean friction

@@ -38,9 +38,9 @@ class Goal(Effect):
     visible_in_replay = False
     no_mjcf = "it is what a task asks for, not how the robot moves"
     typical = (-1.0, 1.0)
-    symptom = "nothing in a log: only rewards change"
+    symptom = "none in a log; only rewards change"
     source = "goal tasks of meta-learning, Finn et al. 2017"
-    experiment = "none: the task defines it"
+    experiment = "not needed: the task defines it"
 
     def __init__(
         self, where: str | None = None, how: How | None = None, axes: int = 1, **arguments: Any

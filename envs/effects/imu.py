@@ -170,8 +170,8 @@ class _ImuEffect(Effect):
 class ImuMounting(_ImuEffect):
     """Rotation of the IMU relative to the axes in the model, as a rotation vector.
 
-    Where a window starts from the IMU's orientation, the base is turned back and put on the ground
-    again.
+    If a window starts from the IMU's orientation, the base is rotated back and placed on the
+    ground.
     """
 
     name = "imu_mounting"
@@ -181,7 +181,7 @@ class ImuMounting(_ImuEffect):
     comparable = True
     symptom = "the measured base is tilted on level ground, and the tilt turns with the robot"
     source = "measured orientation = true orientation times the mounting's rotation"
-    experiment = "stand on level ground, then turn the robot round on the spot and stand again"
+    experiment = "stand on level ground, turn the robot on the spot, and stand again"
     first_values = np.concatenate([0.05 * np.eye(len(AXES)), -0.05 * np.eye(len(AXES))])
     limits = (-np.pi, np.pi)
     law = _Mounting
@@ -199,7 +199,7 @@ class ImuDelay(_ImuEffect):
     extras = ObservationDelay.extras
     typical = (0.0, 0.04)
     comparable = True
-    symptom = "the base turns later than its legs make it turn"
+    symptom = "the base seems to turn after its legs have moved it"
     source = "y(t) = q(t - d): filters of the part, its rate, and the serial line"
     experiment = "rock the standing robot with its legs at two frequencies"
     first_values = (0.005, 0.015, 0.04)

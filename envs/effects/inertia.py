@@ -36,8 +36,8 @@ class _Dense(BoundEffect):
 class LinkMass(FieldEffect):
     """Mass of a body, at its centre of mass.
 
-    Its inertia stays (`inertia: kept`, a load near the centre) or follows in proportion (`scaled`,
-    another density).
+    Its inertia does not change (`inertia: kept`, a load near the centre) or scales with the mass
+    (`scaled`, another density).
 
     Args:
         inertia: `kept` or `scaled`.
@@ -95,7 +95,7 @@ class LinkInertia(FieldEffect):
     field = "body_inertia"
     constants = True
     typical = (0.5, 2.0)
-    symptom = "turning is harder or easier than mass and lever arm predict; static sag is right"
+    symptom = "acceleration differs from what mass and lever arm predict; static sag is right"
     source = "MuJoCo XML reference, body/inertial/diaginertia; J = f J_cm + m r²"
     experiment = "fast swings of the last link about its own joint, next to slow loaded holds"
 
@@ -184,10 +184,7 @@ class CenterOfMass(Effect):
     no_mjcf = None
     comparable = True
     sizes = Sizes("signed", "length", 0.03, 1.2)
-    symptom = (
-        "sag that changes with the pose like that of another mass, while acceleration"
-        " changes otherwise"
-    )
+    symptom = "a pose-dependent sag, as from another mass, but acceleration changes differently"
     source = "rigid body; CAD models are off by 5 to 20 %"
     experiment = "torque-off swings: the period separates inertia from gravity's lever arm"
     group = PLAIN

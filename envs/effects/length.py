@@ -142,7 +142,7 @@ class LinkLength(Effect):
     no_mjcf = "it stretches a whole body; change the body's own element"
     symptom = "slower swings and heavier loads, as with a longer lever"
     source = "affine map of the mass: second moments S -> A S A, inertia tr(S) 1 - S"
-    experiment = "free swings of the link, whose period tells its length"
+    experiment = "free swings of the link, whose period shows its length"
     group = PLAIN
     limits = (1e-3, np.inf)
     law = _Stretch

@@ -103,7 +103,7 @@ class EncoderOffset(_SensorEffect):
             1.0,
             0.0,
             1.0,
-            "1: the servo's loop has the wrong zero too; 0: only what is logged",
+            "1: the servo's loop has the wrong zero, too; 0: only the log has it",
         ),
     )
     typical = (-0.1, 0.1)

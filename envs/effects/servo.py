@@ -166,7 +166,7 @@ def limited(spec: mujoco.MjSpec, where: str | None) -> None:
 
 
 class TorqueLimit(FieldEffect, ActuatorEffect):
-    """The largest torque at the joint, in both directions; an actuator without a limit gets one."""
+    """The largest torque at the joint, in both directions, also for actuators without a limit."""
 
     name = "torque_limit"
     place = "actuator"
@@ -285,7 +285,7 @@ class _DeadZone(SubstepRule):
 
 
 class DeadZone(ActuatorEffect):
-    """Position error that a servo ignores: its proportional term is zero below it.
+    """Position error that a servo ignores: below it the proportional term is zero.
 
     Beyond it the whole error counts (`punch` 1), or only the excess (`punch` 0, as in older
     servos).
@@ -311,7 +311,7 @@ class DeadZone(ActuatorEffect):
     sizes = Sizes("add", "one", 3e-3, 0.12)
     symptom = "the servo stops a fixed angle short, whatever the gain, and its PWM is zero there"
     source = (
-        "u = 0 if |e| < d, else kp (e - (1 - punch) d sign(e)); XL430 stop 4 to 5 counts short "
+        "u = 0 if |e| < d, else kp (e - (1 - punch) d sign(e)); an XL430 stops 4 to 5 counts short "
         "(answers.ros.org 303081); the compliance margin and punch of the AX-12's manual"
     )
     experiment = "very slow ramps without load, at two gains"

@@ -299,15 +299,13 @@ class Backlash(SeriesEffect):
     comparable = True
     sizes = Sizes("add", "one", 3e-3, 0.25)
     symptom = (
-        "nothing follows for a fixed angle after each reversal; the link rattles where"
+        "the link stays behind by a fixed angle after each reversal; the link rattles where"
         " no load holds it"
     )
     source = (
         "a hinge with limits in series; Dynamixel X: 15 arcmin (e-manual), SO-101 models: 1 degree"
     )
-    experiment = (
-        "slow reversals without load: a gap that does not depend on the load; a preload removes it"
-    )
+    experiment = "slow reversals: the gap does not depend on the load, and a preload removes it"
     first_values = (0.004, 0.015, 0.05, 0.15)
 
     def shape(self, joint: Any, timestep: float) -> None:
@@ -374,11 +372,11 @@ class JointCompliance(SeriesEffect):
     comparable = True
     sizes = Sizes("add", "softness", 0.01, 3.0)
     symptom = (
-        "a sag in proportion to the load that the encoder may not see, and ringing at"
+        "a sag in proportion to the load, which the encoder may not measure, and ringing at"
         " sqrt(k/J) after stops"
     )
     source = "tau = k (motor - link); a sprung hinge in series"
-    experiment = "hammer taps or fast stops: a resonance that more load lowers"
+    experiment = "hammer taps or fast stops: a resonance whose frequency falls with the load"
 
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return springs that a torque bends little and much, with a third of critical damping.

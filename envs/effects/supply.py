@@ -48,7 +48,7 @@ class SupplyVoltage(Effect):
     comparable = True
     factors = (0.5, 0.75, 0.94, 0.98, 1.02, 1.06, 1.3, 1.8)  # a few per cent shift a whole motion
     sizes = Sizes("factor", "one", 0.02, 0.6)
-    symptom = "the top speed and the largest torque change together; slow, light motions little"
+    symptom = "the top speed and the largest torque change together; slow, light motions hardly do"
     source = "|tau| <= (kt/R)(V duty_max - kt w)"
     experiment = "full-speed moves at two supply voltages; log the voltage"
     group = PLAIN
@@ -185,7 +185,7 @@ class SupplySag(Effect):
     no_mjcf = "MJCF has no supply that several actuators share"
     comparable = True
     sizes = Sizes("add", "winding", 0.01, 2.0)
-    symptom = "all joints weaken together while any of them works hard"
+    symptom = "all joints weaken together while any of them is heavily loaded"
     source = (
         "V = V0 - Rs * sum I; 5.7 to 9.2 V measured around 7.4 V on an XL330 bench"
         " (Rhoban's BAM logs)"
@@ -257,39 +257,37 @@ class _Derating(_Weakening):
 
 
 class ThermalDerating(ActuatorEffect):
-    """A motor that weakens as it heats: all its torque is scaled by 1 - value E.
+    """Motor torque that falls as the motor heats: all of it is scaled by 1 - value E.
 
     dE/dt = torque² - decay E, with E = 0 at reset. The factor applies to the control torque, its
-    limit and the back-EMF; with `braking` 1 the back-EMF stays, as in a loop that controls the
-    current.
+    limit and the back-EMF; with `braking` 1 the back-EMF stays, as under current control.
     """
 
     name = "thermal_derating"
     engines = BOTH
     unit = "1/(N²·m²·s)"
     extras = (
-        Extra("decay", "1/s", 0.0, 0.0, 1e3, "the rate at which it cools", typical=(0.0, 0.05)),
+        Extra("decay", "1/s", 0.0, 0.0, 1e3, "cooling rate", typical=(0.0, 0.05)),
         Extra(
             "braking",
             "",
             0.0,
             0.0,
             1.0,
-            "fraction of the actuator's damping that is not due to current: heat does not change "
-            "it",
+            "fraction of the damping that is not due to current and does not change with heat",
             fit=(0.0, 1.0),
         ),
     )
     typical = (0.0, 0.1)
     no_mjcf = "an actuator of this kind does not remember its load"
     sizes = Sizes("add", "heating", 1e-3, 100.0)
-    symptom = "errors that grow over minutes of hard work and recover in a pause"
+    symptom = "errors that grow over minutes of heavy load and disappear after a pause"
     source = (
         "winding resistance and firmware limits follow the integral of I²R; XL330: 27 to"
         " 40 °C in 2 minutes of tests"
     )
     experiment = (
-        "the same loaded motion before and after a minute of hard work; log the temperature"
+        "the same loaded motion before and after a minute of heavy load; log the temperature"
     )
     limits = (0.0, np.inf)
     group = RULES

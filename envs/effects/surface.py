@@ -53,9 +53,9 @@ class SurfaceFriction(_SurfaceEffect, FieldEffect):
     hows: ClassVar[tuple[How, ...]] = ("scale", "set")
     field = "geom_friction"
     typical = (0.5, 1.5)
-    symptom = "what lies or rolls on it slips, or grips"
+    symptom = "objects on it slip, or grip"
     source = "MuJoCo documentation, Computation, contact parameters: priority"
-    experiment = "tilt it until what lies on it slides"
+    experiment = "tilt it until an object on it slides"
 
     def elements(self, model: mujoco.MjModel) -> tuple[Any, ...]:
         """Return the sliding coefficients of the geoms."""
@@ -113,7 +113,7 @@ class _Bounce(BoundEffect):
 class Restitution(_SurfaceEffect):
     """Speed after a bounce on a geom, relative to the speed before; contact stiffness stays.
 
-    The contact's damping is set accordingly. That is accurate if the time step resolves the
+    The contact's damping is set accordingly, which is accurate if the time step resolves the
     contact.
 
     Args:
@@ -126,7 +126,7 @@ class Restitution(_SurfaceEffect):
     hows: ClassVar[tuple[How, ...]] = ("set",)
     typical = (0.1, 0.9)
     no_mjcf = None
-    symptom = "what falls on it bounces higher, or not at all"
+    symptom = "falling objects bounce higher, or not at all"
     source = "e = exp(-2 z acos(z) / sqrt(1 - z²)) of the damping ratio z; MuJoCo reference, solref"
     experiment = "drop a ball and compare the heights"
     group = PLAIN

@@ -1,4 +1,4 @@
-"""The formats that logs can have, in the order in which they are asked."""
+"""Registered log formats, in the order in which they are tried."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,11 +15,11 @@ Columns = tuple[dict[str, np.ndarray], dict[str, Any]]  # values (T,) by column,
 
 @dataclass(frozen=True)
 class Format:
-    """A kind of file or folder that holds a log.
+    """A kind of file or folder that contains a log.
 
     Args:
-        name: what people call it.
-        is_log: whether a path is such a log, without reading all of it.
+        name: its common name.
+        is_log: returns whether a path is such a log, without reading all of it.
         read: returns the log's columns, (T,) each in SI units, and its metadata.
     """
 
@@ -40,7 +40,7 @@ FORMATS = [
 
 
 def register(format: Format) -> None:
-    """Ask a format before those that are known already."""
+    """Register a format, which is tried before the existing ones."""
     FORMATS.insert(0, format)
 
 

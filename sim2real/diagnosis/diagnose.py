@@ -72,31 +72,31 @@ def diagnose(
     load_player: LoadPlayer | None = None,
     actor: str | Path | None = None,
 ) -> Report:
-    """Locate a gap, name what causes it, and say how much is left once it is added.
+    """Find the causes of a gap and report how much of it they close.
 
     Args:
         logs: a log, a folder of logs, or a list of these or of logs in memory.
         model: an MJCF for all logs; None takes the one that each log names.
-        effects: an effects.yaml of what is known already; put into the model first.
-        exclude: names of effects that are left out of the candidates.
+        effects: an effects.yaml of known effects, which are put into the model first.
+        exclude: names of effects that are not candidates.
         seed: the seed of the bootstrap.
-        progress: called with what is being tried and the share of the work that is done.
-        settings: every number that steers the answer, by stage.
-        load_policy: reads the policy that a log names, such as
+        progress: receives the current step and the fraction of the work that is done.
+        settings: every number that influences the answer, by stage.
+        load_policy: loads the policy that a log names, such as
             `sim2real.deployment.actors.load_actor`, so that its actions are compared; None checks
             the rest of its interface.
-        load_player: makes that policy play in its simulator, such as
-            `sim2real.loops.player.load_player`; None leaves the closed loop out.
-        actor: the policy that wrote the logs; None for the one that they name, if any.
+        load_player: runs that policy in its simulator, such as
+            `sim2real.loops.player.load_player`; None omits the closed loop.
+        actor: the policy that wrote the logs; None: the one that they name, if any.
 
     Returns:
-        The report; `report.evidence` holds what its pictures show.
+        The report; `report.evidence` contains the data of its plots.
 
     Raises:
-        Sim2RealError: no model, an unknown effect to exclude, joints that never moved, a log
-            too short, a model that diverges.
-        LogError: a log that is damaged, or names what the model lacks.
-        EffectError: an effects file that is wrong, or an effect that the robot cannot have.
+        Sim2RealError: there is no model, an excluded effect is unknown, no joint moved, a log
+            is too short, or the model diverges.
+        LogError: a log is damaged, or names something that the model lacks.
+        EffectError: the effects file is wrong, or the robot cannot have an effect.
     """
     return run_diagnosis(
         _read(logs),

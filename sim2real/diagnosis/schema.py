@@ -243,7 +243,7 @@ class Report:
         verdict: `no_gap`, `explained`, `partly_explained`, `fitted` or `unexplained`.
         gap: size of the gap, before and after.
         where: joints, the largest fraction first.
-        causes: causes, the one that closes most first.
+        causes: causes, sorted by the fraction that each closes.
         unexplained: what is left.
         preflight: findings of the preflight.
         numerics: numerical tests of the simulator: "ok", or the result.
@@ -275,25 +275,25 @@ class Report:
 
     @property
     def values(self) -> tuple[Cause, ...]:
-        """Whatever was found with a value, causes or not, of any kind."""
+        """All causes and fitted values."""
         return self.causes or self.fitted
 
     @property
     def effects(self) -> tuple[Cause, ...]:
-        """Those that every verb knows: what `effects.yaml` holds."""
+        """Causes and values that are effects: the content of `effects.yaml`."""
         return tuple(c for c in self.values if c.kind != "log" and c.effect in EFFECTS)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the content of report.json: plain tables, lists, numbers, words."""
+        """Return the content of report.json as plain dicts, lists, numbers and strings."""
         tree = {name: value for name, value in asdict(self).items() if name != "evidence"}
         return {"schema": SCHEMA, **_plain(tree)}
 
     @staticmethod
     def from_json(tree: Mapping[str, Any]) -> Report:
-        """Return the report that `to_json` turned into this table.
+        """Return the report from the result of `to_json`.
 
         Raises:
-            Sim2RealError: another schema, or a key that is missing or unknown.
+            Sim2RealError: the schema is another, or a key is missing or unknown.
         """
         if tree.get("schema") not in READ:
             known, found = f"{', '.join(map(str, READ[:-1]))} or {SCHEMA}", tree.get("schema")
@@ -323,7 +323,7 @@ class Report:
         return write_text(path, text + "\n")
 
     def save_html(self, path: str | Path) -> Path:
-        """Write the page for a person, whole or not at all; return its path."""
+        """Write the HTML page, whole or not at all; return its path."""
         return _page().write_html(path, self)
 
     def save_comparison(self, path: str | Path, earlier: Report) -> Path:

@@ -13,52 +13,66 @@ class Settings:
     """The settings, with unit, meaning and origin."""
 
     interval_factor: float = setting(
-        3.0, "1", "width of the prior, in intervals of a report", "convention: design, section 10"
+        3.0,
+        "1",
+        "width of the prior, relative to a report's interval",
+        "convention: design, section 10",
     )
-    held_every: int = setting(4, "1", "every so manieth episode or piece is held out", JUDGED)
+    held_every: int = setting(4, "1", "one of this many episodes or pieces is held out", JUDGED)
     held_episodes: int = setting(
-        4, "1", "episodes from which whole ones are held out", "derived: one of them can be spared"
+        4,
+        "1",
+        "number of episodes from which whole episodes are held out",
+        "derived: one of them can be spared",
     )
     stretch: int = setting(
-        10, "1", "pieces held out together where episodes are not", "derived: neighbours are alike"
+        10,
+        "1",
+        "consecutive pieces held out together if episodes are not",
+        "derived: neighbours are alike",
     )
     difference: float = setting(
-        5e-3, "1", "step of central differences, in widths of the prior", COST
+        5e-3, "1", "step of central differences, over the prior's width", COST
     )
     resolution: float = setting(
-        1e-4, "1", "error of a simulation, of a joint's own motion", "judgement: of its time step"
+        1e-4,
+        "1",
+        "error of a simulation, relative to a joint's motion",
+        "judgement: of its time step",
     )
-    rounds: int = setting(4, "1", "Gauss-Newton steps of each episode's own values", COST)
+    rounds: int = setting(4, "1", "Gauss-Newton steps for the values of each episode", COST)
     dampings: tuple[float, ...] = setting(
-        (0.0, 0.1, 1.0), "1", "dampings tried in each step, of the curvature", JUDGED
+        (0.0, 0.1, 1.0), "1", "dampings tried in each step, relative to the curvature", JUDGED
     )
-    longest_step: float = setting(1.0, "1", "of such a step, in deviations of the prior", JUDGED)
-    known: float = setting(
-        0.5, "1", "directions whose estimate is narrowed by less are flat, of the prior", JUDGED
-    )
-    weight: float = setting(0.2, "1", "least weight of a parameter that names a direction", JUDGED)
+    longest_step: float = setting(1.0, "1", "largest step, in deviations of the prior", JUDGED)
+    known: float = setting(0.5, "1", "minimum narrowing of the prior in a known direction", JUDGED)
+    weight: float = setting(0.2, "1", "minimum weight of a parameter named for a direction", JUDGED)
     doubt: float = setting(
         0.8,
         "1",
-        "part of what is left of the gap, beyond noise, that may act like a parameter; a deviation",
+        "fraction of the remaining gap beyond noise that may act like a parameter (standard "
+        "deviation)",
         "set by hand: holds the hidden values of the emulated bench, tests/sim2real/identification",
     )
     hold: float = setting(
         0.2,
         "1",
-        "the same while values are looked for from far away (`nearby`); a deviation",
+        "the same while values are searched far from the solution (`nearby`)",
         "set by hand: of 0.1 to 0.8 nearest to what an emulated quad8 hides",
     )
-    em_rounds: int = setting(500, "1", "rounds of the random effects' EM at most", COST)
-    em_change: float = setting(1e-6, "1", "change at which it stops", COST)
-    draws: int = setting(100, "1", "draws under which held-out logs are replayed", COST)
-    band: float = setting(0.9, "1", "share of the draws within the band", "convention: 90 %")
-    compared: int = setting(20_000, "1", "readings at most that bands are compared with", COST)
+    em_rounds: int = setting(500, "1", "maximum number of EM rounds for random effects", COST)
+    em_change: float = setting(1e-6, "1", "change at which EM stops", COST)
+    draws: int = setting(100, "1", "draws with which held-out logs are replayed", COST)
+    band: float = setting(0.9, "1", "fraction of the draws inside the band", "convention: 90 %")
+    compared: int = setting(20_000, "1", "maximum number of readings compared with bands", COST)
     border: float = setting(
-        0.02, "1", "a mean this near an end of its prior is at the border, of its width", JUDGED
+        0.02,
+        "1",
+        "distance of a mean from a bound of its prior, relative to the width, that is reported",
+        JUDGED,
     )
-    step_rows: int = setting(4096, "1", "transitions simulated at once", COST)
-    uneven: float = setting(0.01, "1", "rows may be this uneven, of their interval", JUDGED)
+    step_rows: int = setting(4096, "1", "transitions simulated in one batch", COST)
+    uneven: float = setting(0.01, "1", "largest unevenness of rows, over their interval", JUDGED)
 
 
 DEFAULT = Settings()

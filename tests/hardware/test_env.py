@@ -320,7 +320,7 @@ def test_a_task_of_another_robot_is_refused():
     with pytest.raises(RobotError, match=r"rate 100, but the task runs 50 .*give robot.rate=50"):
         RobotRows(Bench1(), ServoBackend(robot, settle=0.3))
     real = replace(load_robot("quad8"), port="/dev/does-not-exist")
-    with pytest.raises(RobotError, match=r"Quad8 observes 'orientation', and quad8 has no such"):
+    with pytest.raises(RobotError, match=r"Quad8 observes 'orientation', but quad8 has no such"):
         RobotRows(Quad8(), ServoBackend(real, settle=0.3))
 
 

@@ -124,7 +124,7 @@ CASES = {
     ),
     "09 heat": Case(
         (Fault("heat", start=START, value=30.0, servo=3),), steps=400, readings=112,
-        reason="hinge3 has 65 °C; let it cool",
+        reason="hinge3 is at 65 °C; let it cool",
     ),
     # seen in the first read; the health that names it, and torque off twice over, carry the bit too
     "09 overload": Case(

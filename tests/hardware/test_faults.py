@@ -54,7 +54,7 @@ def test_08_brown_out(rig):
 def test_09_overheating(rig):
     """A servo that warms is stopped before its own limit, which only a reboot would clear."""
     r = rig(Fault("heat", start=START, value=30.0, servo=3))
-    with pytest.raises(SafetyError, match=r"hinge3 has 6\d °C; let it cool"):
+    with pytest.raises(SafetyError, match=r"hinge3 is at 6\d °C; let it cool"):
         r.run(400, wave)
     assert r.powered == [False] * 3
     assert not r.world.firmware.errors.any()
@@ -185,7 +185,7 @@ def test_12_missing_and_wrong_servo(rig, chain):
     robot = chain(3)
     servos = tuple(type(s)(**{**s.__dict__, "model": "xl430-w250"}) for s in robot.servos)
     believed = type(robot)(**{**robot.__dict__, "servos": servos})
-    with pytest.raises(ServoError, match=r"servo 1 .* is xl330-m288, the robot's file says xl430"):
+    with pytest.raises(ServoError, match=r"is xl330-m288, but the robot's file has xl430"):
         Rig(robot, believed=believed)
 
 
@@ -300,7 +300,7 @@ def test_19_goals_that_are_not_taken(rig):
         ("drive_mode", 8, r"servo 2 \(hinge2\): drive mode 8: a goal would switch its torque on"),
         ("drive_mode", 1, r"drive mode 1 reverses it or times its profile"),
         ("homing_offset", 100, r"its own homing offset is 100.*write homing_offset = 0"),
-        ("return_delay_time", 250, r"it waits 500 us before it answers.*write return_delay_time"),
+        ("return_delay_time", 250, r"answers after 500 us.*write return_delay_time"),
     ],
 )
 def test_20_21_settings_of_a_servo(rig, register, value, message):
@@ -316,7 +316,7 @@ def test_21_latency_timer(rig, tmp_path, monkeypatch):
     timer.parent.mkdir()
     timer.write_text("16\n")
     monkeypatch.setattr(serial_ports, "ADAPTERS", tmp_path)
-    with pytest.raises(ServoError, match=r"latency timer is 16 ms.*says 1; run: setserial"):
+    with pytest.raises(ServoError, match=r"latency timer is 16 ms.*has 1; run: setserial"):
         r.driver.connect()
     link = tmp_path / "usb-FTDI_USB__-__Serial_Converter-if00-port0"
     link.symlink_to(r.port.port_name)
@@ -330,7 +330,7 @@ def test_21_latency_timer(rig, tmp_path, monkeypatch):
 def test_21_a_rate_that_the_bus_cannot_reach(chain):
     """A rate beyond the bus is refused with the largest possible one."""
     bus = {"baud": 57600, "return_delay": 0.0005, "latency": 0.016}
-    with pytest.raises(ServoError, match=r"at most \d+ steps a second, not 50"):
+    with pytest.raises(ServoError, match=r"at most \d+ steps per second, not 50"):
         Rig(chain(3, bus=bus))
 
 

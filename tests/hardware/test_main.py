@@ -73,7 +73,7 @@ def test_scan_and_monitor(capsys):
     assert command.main(["scan", "robot=bench1"]) == 0
     out = capsys.readouterr().out
     assert " 1000000 bits/s  ID   1  xl330-m288  firmware 52" in out
-    assert "all 1 servos are as its file says; fast reads" in out
+    assert "all 1 servos match its file; fast reads" in out
     assert command.main(["monitor", "seconds=2"]) == 0
     out = capsys.readouterr().out
     assert out.count("hinge   0.0000 rad") == 2
@@ -99,7 +99,7 @@ def test_the_monitor_waits_for_slow_answers(monkeypatch, capsys):
         (["scann"], 2, "unknown command 'scann' (did you mean 'scan'?)"),
         (["scan", "prt=1"], 2, "scan takes no 'prt=1' (did you mean 'port'?)"),
         (["scan", "robot=bench"], 2, "no robot 'bench' (did you mean 'bench1'?)"),
-        (["scan", "port=/dev/no-such"], 1, "/dev/no-such: there is no such port"),
+        (["scan", "port=/dev/no-such"], 1, "/dev/no-such: no such port"),
         (["monitor", "seconds=x"], 2, "seconds=x is not a number"),
         (["emulate", "hidden=/no/file.yaml"], 2, "/no/file.yaml: the effects cannot be read"),
         (["emulate", "link=/no/where/robot"], 2, "link=/no/where/robot: there is no folder /no/w"),

@@ -251,7 +251,7 @@ def test_setup_and_scan_go_through_all_buses(monkeypatch, capsys):
     assert command.main(["setup", "robot=pair2"], lambda prompt, meanwhile=None: "y") == 0
     out = capsys.readouterr().out
     assert out.count("return_delay_time 250 -> 0") == 2
-    assert "pair2: all 2 servos are as its file says" in out
+    assert "pair2: all 2 servos match its file" in out
 
 
 @pytest.mark.timeout(120)

@@ -72,7 +72,7 @@ def test_a_score_is_what_is_left_of_the_limit_that_is_used_most():
         (
             (0.004, 0.012, 0.02, 0.012),
             {},
-            "one control step in 20 takes 12.0 ms or more (half of them 4.0 ms), and 100 steps a "
+            "one control step in 20 takes 12.0 ms or more (half of them 4.0 ms), and 100 steps per "
             "second leave 10.0 ms; end other programs, or give a rate of at most 83",
             ({"rate": 80.0}, {}),
         ),

@@ -114,7 +114,7 @@ def test_the_servos_own_limits_hold(rig):
     with pytest.raises(SafetyError, match=r"hinge2 draws .* A, over its 0\.30 A"):
         r.run(200, lambda k: np.full(3, min(0.02 * k, 0.45)))
     r = rig(registers={"hinge1": {"temperature_limit": 28}})
-    with pytest.raises(SafetyError, match=r"hinge1 has 2\d °C; let it cool \(at most 23"):
+    with pytest.raises(SafetyError, match=r"hinge1 is at 2\d °C; let it cool \(at most 23"):
         r.run(20)
     assert r.powered == [False] * 3
 

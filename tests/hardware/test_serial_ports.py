@@ -25,7 +25,7 @@ def test_a_missing_port_lists_those_that_exist(monkeypatch):
     with pytest.raises(SerialPortError) as caught:
         client.open(1_000_000)
     assert str(caught.value) == (
-        "/dev/ttyUSB7: there is no such port; is the cable in? There are: '/dev/ttyUSB0', "
+        "/dev/ttyUSB7: no such port; is the cable in? Available: '/dev/ttyUSB0', "
         "'/dev/ttyS0' (python -m hardware find-port)"
     )
 

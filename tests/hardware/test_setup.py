@@ -71,7 +71,7 @@ def test_factory_servos_one_by_one(chain):
     told = "\n".join(bench.told)
     assert "servo 3 (hinge3): id 1 -> 3: each servo needs its own ID" in told
     assert "servo 3 (hinge3): baud_rate 1 -> 3: 57600 -> 1000000 bits/s" in told
-    assert "return_delay_time 250 -> 0: it waits 500 us" in told
+    assert "return_delay_time 250 -> 0: answers after 500 us" in told
     driver = Driver(bench.robot, bench.port, bench.port.clock)
     driver.connect()
     assert not bench.world.firmware.torque_on.any()
@@ -151,11 +151,11 @@ def test_all_offenders_are_refused_at_once(chain):
     with pytest.raises(ServoError) as caught:
         Driver(bench.robot, bench.port, bench.port.clock).connect()
     message = str(caught.value)
-    assert message.startswith("chain3: 4 things are not as its file says:")
+    assert message.startswith("chain3: 4 differences from its file:")
     for word in (
         "servo 1 (hinge1): drive mode 8",
         "servo 3 (hinge3): its own homing offset is 5",
-        "servo 3 (hinge3): it waits 500 us",
+        "servo 3 (hinge3): answers after 500 us",
         "no answer at any speed from '2 (hinge2)'",
     ):
         assert word in message

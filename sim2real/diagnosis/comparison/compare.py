@@ -64,21 +64,22 @@ def compare(
     seed: int = 0,
     settings: Settings = DEFAULT,
 ) -> Comparison:
-    """Say whether a robot has changed, and what.
+    """Test whether a robot has changed, and in which effects.
 
     Args:
         before: logs of the robot as it was: a path, a folder, logs, or a list of these.
-        after: of the robot as it is.
+        after: logs of the robot as it is.
         model: an MJCF for all logs; None takes the one that each log names.
-        effects: an effects.yaml of what the robot had before; put into the model first.
-        watch: names of effects that may change; None for those of the settings.
-        limits: by effect, how much of a change passes, in its unit.
-        remounted: whether the robot may have been mounted anew in between.
-        seed: of the permutations.
-        settings: every number that steers the answer.
+        effects: an effects.yaml of the robot's earlier effects, put into the model first.
+        watch: names of effects that may change; None: those of the settings.
+        limits: largest acceptable change by effect, in its unit.
+        remounted: whether the robot may have been remounted in between.
+        seed: seed of the permutations.
+        settings: every number that influences the answer.
 
     Raises:
-        Sim2RealError: no logs, logs of different models, an unknown effect or limit.
+        Sim2RealError: there are no logs, they name different models, or an effect or limit is
+            unknown.
     """
     first, second = _read(before, "before"), _read(after, "after")
     names = _names(watch, limits, settings)

@@ -31,7 +31,7 @@ class Compared:
     alpha: float = setting(
         0.02,
         "1",
-        "probability of any false alarm by chance, over all effects at all places",
+        "probability of any false alarm by chance, over all effects at all locations",
         "judgement: a nightly guard may err once in two months; sessions differ by more than "
         "chance, which must fit into 0.05 too",
     )
@@ -39,125 +39,128 @@ class Compared:
     blocks_min: int = setting(
         8,
         "1",
-        "independent pieces below which nothing can be concluded",
+        "independent pieces below which nothing can be decided",
         "derived: 2^-8 is well below the probability of a false alarm",
     )
     logs_min: int = setting(
         6,
         "1",
-        "pairs of logs (or logs a side) from which whole logs are permuted",
+        "pairs of logs (or logs per side) from which whole logs are permuted",
         "derived: 2^-6 is below the probability of a false alarm",
     )
-    same_command: float = setting(1e-3, "rad", "commands closer than this are the same", JUDGED)
+    same_command: float = setting(1e-3, "rad", "largest difference of equal commands", JUDGED)
     same_rows: float = setting(
         0.9,
         "1",
-        "share of rows with the same command from which two logs are of one motion",
+        "fraction of rows with equal commands from which two logs contain the same motion",
         JUDGED,
     )
     weight_floor: float = setting(
-        0.5, "1", "least noise of a piece, of the median piece's, that its weight counts", JUDGED
+        0.5, "1", "minimum noise of a piece in its weight, relative to the median piece", JUDGED
     )
     apart: float = setting(
         0.05,
         "1",
-        "share of its response that an effect has to itself, among those it is compared with",
+        "minimum fraction of an effect's response that no other compared effect shares",
         "measured: of 15 % more friction at one of two joints that became warmer, 0.07 to 0.7",
     )
     step: float = setting(
         0.2,
         "1",
-        "share of the smallest probe that a factor and a tilt are moved by",
+        "change of factors and tilts in finite differences, relative to their smallest probe",
         "derived: the smallest probe of a factor is a quarter, changes are some per cent",
     )
     alike: float = setting(
         6.0,
         "1",
-        "fall of -2 log likelihood up to which effects explain alike",
+        "difference of −2 log likelihood up to which effects explain equally well",
         "derived: odds of 20",
     )
-    changes_max: int = setting(4, "1", "changes that are named at most", JUDGED)
+    changes_max: int = setting(4, "1", "maximum number of named changes", JUDGED)
     worth: float = setting(
         1.1,
         "1",
-        "least response of a change that is named, of a reading's noise (both RMS) over the root "
-        "of the number of pieces",
+        "minimum response of a named change, relative to a reading's noise over the root of the "
+        "number of pieces (both RMS)",
         "derived: noise that lasts a piece makes about 1; measured: of 16 unchanged pairs of an "
         "emulated arm2 the largest that chance did not explain had 0.96",
     )
     doubt: float = setting(
         0.5,
         "1",
-        "least response of a change, of what straight lines put down to other things and changes",
+        "minimum response of a change, over what is attributed linearly to other differences",
         "measured: of 12 pairs with 15 % more friction at one joint the smallest had 1.1",
     )
     excused_rounds: int = setting(
-        2, "1", "times that what is put down to other things is simulated", COST
+        2, "1", "times that what is attributed to other differences is simulated", COST
     )
     shared_max: int = setting(2, "1", "effects fitted to both sides, in addition to friction", COST)
     shared_worth: float = setting(
-        0.1, "1", "share of the gap that a further shared effect closes at least", JUDGED
+        0.1, "1", "minimum fraction of the gap that a further shared effect closes", JUDGED
     )
     shared_windows: int = setting(
         12,
         "1",
-        "windows that they are fitted to",
+        "windows to which they are fitted",
         "measured: the four worst of an arm are free swings, in which friction has other optima",
     )
-    shared_rounds: int = setting(6, "1", "steps of its fit", COST)
+    shared_rounds: int = setting(6, "1", "steps of this fit", COST)
     little: float = setting(
         2.0,
         "1",
-        "standard deviations that temperature may do at the same temperature",
+        "standard deviations attributed to temperature at equal temperatures",
         "derived: odds of 20",
     )
     same_temperature: float = setting(
         1.0,
         "K",
-        "difference of the medians up to which temperature explains nothing",
+        "difference of the median temperatures up to which temperature explains nothing",
         "derived: copper resists 0.4 % more a kelvin, and half a per cent is seen",
     )
     clock: float = setting(
         5e-4,
         "s",
-        "what a joint's readings come earlier or later in another session (standard deviation)",
+        "standard deviation of a joint's reading time between sessions",
         "derived: a servo's ticks are about a millisecond apart",
     )
     warm_friction: float = setting(
         0.01,
         "1/K",
-        "share of all friction that temperature changes (standard deviation)",
+        "change of all friction with temperature (standard deviation)",
         "judgement: grease thins by about 1 % a kelvin",
     )
     warm_strength: float = setting(
         0.004,
         "1/K",
-        "share of a motor's strength, likewise",
+        "change of all motors' strength with temperature (standard deviation)",
         "derived: copper resists 0.4 % more a kelvin",
     )
     unequal_friction: float = setting(
         0.005,
         "1/K",
-        "share of a joint's friction, dry and viscous, that temperature may change beyond what it "
-        "does to all; at the same temperature, of a kelvin",
+        "further change of one joint's friction with temperature; at equal temperatures, that "
+        "of one kelvin",
         "judgement: half of what it does to all joints (grease thins by about 1 % a kelvin)",
     )
     unequal_strength: float = setting(
         0.005,
         "1/K",
-        "share of a motor's strength or gain, likewise",
+        "the same of one motor's strength or gain",
         "measured: four pairs of an emulated arm2 that became warmer by 4 to 8 K differed by 0.3 "
         "to 0.4 % a kelvin between joints that warmed alike",
     )
     unknown_warmer: float = setting(
-        10.0, "K", "difference of temperatures that are not logged", JUDGED
+        10.0, "K", "assumed temperature difference if temperatures are not logged", JUDGED
     )
     same_voltage: float = setting(
-        0.03, "1", "relative difference of the medians from which the supply is another", JUDGED
+        0.03,
+        "1",
+        "relative difference of the median voltages above which the supply has changed",
+        JUDGED,
     )
     thermal: tuple[str, ...] = setting(
         ("coulomb_friction", "viscous_friction", "motor_strength"),
         "1",
-        "what temperature changes in all joints alike",
+        "effects that temperature changes in all joints alike",
         "derived: grease thins, copper resists, magnets weaken",
     )

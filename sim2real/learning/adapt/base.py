@@ -195,10 +195,10 @@ class BatchedSession(ABC):
 
 
 class Session:
-    """One robot's adaptation, an episode at a time; it may be saved between any two calls.
+    """The adaptation of one robot, one episode at a time; can be saved between calls.
 
     Args:
-        operator: the recipe.
+        operator: the adaptation operator.
         theta: parameters before adaptation, (P,).
         noise: its perturbations, (queries, P).
     """
@@ -218,16 +218,16 @@ class Session:
 
     @property
     def episodes_left(self) -> int:
-        """Episodes still to be run."""
+        """Number of remaining episodes."""
         return self._operator.episodes - len(self._values)
 
     @property
     def result(self) -> np.ndarray:
-        """The parameters adapted so far, (P,) float32; final when `ask` returns None."""
+        """Current parameters, (P,) float32; final after `ask` returned None."""
         return self._cohort.results[0].copy()
 
     def ask(self) -> np.ndarray | None:
-        """Return the parameters to run for one episode, (P,) float32, or None when done."""
+        """Return parameters for the next episode, (P,) float32, or None at the end."""
         if self.episodes_left == 0:
             return None
         return self._cohort.candidates(np.array([0]), np.array([len(self._values)]))[0]
@@ -235,15 +235,15 @@ class Session:
     def tell(
         self, value: float, steps: EpisodeTrajectory | None = None, log: Log | None = None
     ) -> None:
-        """Report the return of the episode that was asked for.
+        """Report the return of the last requested episode.
 
         Args:
             value: its undiscounted return.
-            steps: what happened in it, for an operator that `explores`.
-            log: what was commanded and measured in it, for an operator that `needs_log`.
+            steps: its transitions, for an operator that `explores`.
+            log: its log, for an operator that `needs_log`.
 
         Raises:
-            Sim2RealError: when the adaptation is done, or for a value that is not finite.
+            Sim2RealError: the adaptation is complete, or the value is not finite.
         """
         self._check(value)
         self._cohort.tell(np.array([0]), np.array([len(self._values)]), np.array([value]))
@@ -267,7 +267,7 @@ class Session:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go back to where `state_dict` was taken, by telling the same returns again."""
+        """Restore a state by reporting its returns again."""
         self._begin(*(state[key].numpy() for key in ("theta", "noise", "values")))
 
 

@@ -1,4 +1,4 @@
-"""Hill climbing: try a perturbed policy, keep it if it did better (Song et al. 2020)."""
+"""Hill climbing: try a perturbed policy and keep it if its return is higher (Song et al. 2020)."""
 
 from typing import Literal
 
@@ -12,35 +12,34 @@ Mode = Literal["sequential", "average", "batch"]
 
 
 class HillClimb(Adaptation):
-    """Q rounds of proposals around the best policy so far, the incumbent.
+    """Hill climbing in Q rounds of proposals around the best policy so far, the incumbent.
 
-    The incumbent is first run I times; the mean is its value. Each round costs P episodes:
+    The incumbent first runs I episodes; their mean is its value. Each round costs P episodes:
     *sequential* (P = 1) proposes one policy and runs it once; *average* proposes one and takes its
     mean over P episodes; *batch* proposes P, runs each once and takes the best. A proposal replaces
     the incumbent, with its value, if it is better.
 
-    In all I + Q P episodes; with `reevaluate_incumbent` Q (I + P).
+    The climb takes I + Q P episodes; with `reevaluate_incumbent`, Q (I + P).
 
-    The size of the steps may change from round to round. With `grow` and `shrink` equal and below 1
-    it is annealed: wide steps first, narrow ones to end with. With 1.5 and 1.5^(-1/4) it follows
-    the 1/5 rule of the (1+1) evolution strategy, which holds the size where one proposal in five is
-    better (Rechenberg 1973; the factors are Auger's 2009).
+    The step size may change between rounds. With `grow` and `shrink` equal and below 1, it is
+    annealed. With 1.5 and 1.5^(-1/4), it follows the 1/5 rule of the (1+1) evolution strategy,
+    which keeps the size if one proposal in five is better (Rechenberg 1973; factors: Auger 2009).
 
     Args:
         mode: see above.
-        queries: Q, rounds.
-        parallel: P, episodes a round.
-        sigma: standard deviation of the perturbations, in parameter units.
-        incumbent_episodes: I, runs of the unchanged policy at the start; 0 stands for P, as in the
+        queries: Q, number of rounds.
+        parallel: P, episodes per round.
+        sigma: standard deviation of the parameter perturbations.
+        incumbent_episodes: I, episodes of the unchanged policy at the start; 0: P, as in the
             reference.
-        reevaluate_incumbent: run the incumbent I times in each round and compare with that. Without
-            it one lucky value under noise can stop the climb for good; the reference does without.
-        grow: by what sigma is multiplied after a round whose proposal was better.
-        shrink: by what it is multiplied after any other round.
-        budget: episodes that it must spend in all; None for as many as follow from the rest.
+        reevaluate_incumbent: run the incumbent I times in each round, and compare with their mean.
+            Otherwise a single lucky value can end all progress; the reference does not do it.
+        grow: factor on sigma after a round with a better proposal.
+        shrink: factor on sigma after any other round.
+        budget: required total number of episodes; None: as many as follow from the other arguments.
 
     Raises:
-        Sim2RealError: for values out of range, or a budget that does not fit.
+        Sim2RealError: a value is out of range, or the budget does not match.
     """
 
     def __init__(
@@ -96,17 +95,17 @@ class HillClimb(Adaptation):
 
     @property
     def proposals(self) -> int:
-        """Different policies proposed in a round."""
+        """Number of different policies proposed in a round."""
         return self.parallel if self.mode == "batch" else 1
 
     @property
     def queries(self) -> int:
-        """Perturbations that a whole climb needs."""
+        """Number of perturbations of a whole climb."""
         return self.rounds * self.proposals
 
     @property
     def stages(self) -> tuple[int, ...]:
-        """A stage per round: the incumbent's episodes, if any, then the proposals'."""
+        """Stages, one per round: episodes of the incumbent, if any, then of the proposals."""
         first = self.incumbent_episodes + self.parallel
         later = first if self.reevaluate_incumbent else self.parallel
         return (first, *(later,) * (self.rounds - 1))

@@ -147,7 +147,7 @@ def test_what_is_no_imu_is_refused(part):
     part.imu.open()
     with pytest.raises(SerialPortError, match="is held by an open driver of this program"):
         SerialImu(part.imu.imu, part.clock).open()
-    with pytest.raises(SerialPortError, match="IMU: /dev/no-such: there is no such port"):
+    with pytest.raises(SerialPortError, match="IMU: /dev/no-such: no such port"):
         SerialImu(replace(part.imu.imu, port="/dev/no-such"), part.clock).open()
 
 

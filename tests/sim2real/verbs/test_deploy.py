@@ -231,7 +231,7 @@ def test_what_cannot_be_is_refused_before_torque(run, tmp_path):
     with pytest.raises(RobotError, match=r"rate 100, but the task runs 50"):
         go(run, tmp_path, robot=bench(rate=100.0))
     slow = {"baud": 57600, "return_delay": 0.0005, "latency": 0.016}
-    with pytest.raises(ServoError, match=r"at most \d+ steps a second, not 50; raise bus.baud"):
+    with pytest.raises(ServoError, match=r"at most \d+ steps per second, not 50; raise bus.baud"):
         go(run, tmp_path, robot=bench(bus=slow))
     with pytest.raises(Sim2RealError, match=r"bench1 at /dev/x would move; clear .* arm=true"):
         go(run, tmp_path, "port=/dev/x")

@@ -112,7 +112,7 @@ def test_the_guard_s_limits_are_settings(tmp_path: Path) -> None:
     """`stops` is as in deploy: a wrong name is refused, a strict limit stops the recording."""
     with pytest.raises(Sim2RealError, match=r"stops\.return_tim=9 \(did you mean 'return_time'"):
         go(tmp_path / "a", stops={"return_tim": 9})
-    with pytest.raises(SafetyError, match=r"hinge has \d+ °C; let it cool"):
+    with pytest.raises(SafetyError, match=r"hinge is at \d+ °C; let it cool"):
         go(tmp_path / "b", stops={"hottest": 60.0})
 
 

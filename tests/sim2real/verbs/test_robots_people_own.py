@@ -70,7 +70,7 @@ def test_a_robot_is_scanned_recorded_diagnosed_and_driven(name, tmp_path, worlds
 
     assert main(["scan", f"robot={name}", f"model={robot.model}"]) == 0
     said = capsys.readouterr().out
-    assert f"{name}: all {len(robot.servos)} servos are as its file says" in said
+    assert f"{name}: all {len(robot.servos)} servos match its file" in said
 
     record = ["run=record", "motions=[ramp,chirp]", "seconds=5", "size=0.4"]
     go(tmp_path / "record", *record, *words, f"robot.hidden={hidden}")
