@@ -110,7 +110,7 @@ def test_the_evidence_shows_what_the_report_says() -> None:
 
 def test_nothing_hidden_is_no_gap() -> None:
     """A model that is right is told so, with no cause and nothing closed."""
-    report = diagnose([make_log(seed=3)])
+    report = diagnose([make_log(seed=3, seconds=4.0)])
     assert report.verdict == "no_gap"
     assert report.causes == ()
     assert report.gap.after is None and report.gap.closed is None
