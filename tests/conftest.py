@@ -16,6 +16,7 @@ from functools import lru_cache
 import pytest
 from hydra._internal import defaults_list
 from hydra._internal.config_repository import ConfigRepository
+from hydra.core.default_element import InputDefault
 from hydra.plugins.config_source import ConfigResult
 from omegaconf import DictConfig, OmegaConf
 
@@ -48,7 +49,7 @@ interpolation_map = defaults_list._create_interpolation_map
 
 
 def _choices_if_asked(
-    overrides: defaults_list.Overrides, defaults: list[defaults_list.InputDefault], own: bool
+    overrides: defaults_list.Overrides, defaults: list[InputDefault], own: bool
 ) -> DictConfig:
     """Tell Hydra what its defaults may interpolate; for those that do not, a third of the time."""
     if any(default.is_interpolation() for default in defaults):
