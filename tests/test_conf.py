@@ -96,7 +96,7 @@ def alone(name: str) -> Any:
     return pytest.param(name, marks=marks)
 
 
-@pytest.mark.parametrize("name", map(alone, options("experiment")))
+@pytest.mark.parametrize("name", [alone(name) for name in options("experiment")])
 def test_experiments_can_be_built(name: str, tmp_path: Path) -> None:
     """What an experiment names can be made, and its tasks fit its environment."""
     tree = deepcopy(experiment(name))

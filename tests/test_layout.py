@@ -3,6 +3,7 @@
 import ast
 import importlib
 from collections.abc import Iterator
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -37,16 +38,30 @@ def sources(*folders: str) -> list[Path]:
     return sorted(path for folder in folders for path in (ROOT / folder).rglob("*.py"))
 
 
-def imports(path: Path) -> Iterator[str]:
-    """Yield the full names of the modules that a file imports, anywhere in it."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+@cache
+def imports(path: Path) -> list[str]:
+    """Return the full names of the modules that a file imports, anywhere in it."""
+    return list(imported(path))
+
+
+@cache
+def nodes(path: Path) -> list[ast.AST]:
+    """Return the imports and calls of a file: where it names other modules."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    kinds = (ast.Import, ast.ImportFrom, ast.Call)
+    return [node for node in ast.walk(tree) if isinstance(node, kinds)]
+
+
+def imported(path: Path) -> Iterator[str]:
+    """Yield the full names of the modules that a file imports, in its order."""
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             yield "." * node.level + (node.module or "")
         elif (
             isinstance(node, ast.Call)
-            and ast.unparse(node.func).endswith("import_module")
+            and "import_module" in (getattr(node.func, "attr", ""), getattr(node.func, "id", ""))
             and isinstance(node.args[0], ast.Constant)
         ):
             yield str(node.args[0].value)
@@ -54,7 +69,7 @@ def imports(path: Path) -> Iterator[str]:
 
 def targets(path: Path, files: dict[str, Path]) -> Iterator[str]:
     """Yield the project's modules that a file imports, `from package import module` included."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes(path):
         if isinstance(node, ast.ImportFrom) and node.module in files:
             found = [f"{node.module}.{a.name}" for a in node.names]
             inside = [name for name in found if name in files]

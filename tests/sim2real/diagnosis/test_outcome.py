@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from envs.effects import load_effects, make
+from envs.effects import EFFECTS, load_effects, make
 from hardware.log import Log
 from sim2real.diagnosis import additions, diagnose
 from sim2real.diagnosis.diagnose import run_diagnosis
@@ -44,9 +44,9 @@ def test_the_verdict_is_written_before_what_may_fail(tmp_path: Path, monkeypatch
     monkeypatch.setattr(additions, "traces", fail)
     (tmp_path / "arm.xml").write_text(arm.XML)
     early: list[Diagnosis] = []
-    log = arm.make_log(seconds=4.0)
+    log, others = arm.make_log(seconds=4.0), sorted({*EFFECTS} - {"coulomb_friction"})
     made = run_diagnosis(
-        [log], tmp_path / "arm.xml", None, (), 0, None, on_verdict=early.append
+        [log], tmp_path / "arm.xml", None, others, 0, None, on_verdict=early.append
     ).report
     assert [one.report.verdict for one in early] == [made.verdict] == ["no_gap"]
     assert made.failed == ("the pictures of recordings: size 1 must be positive in geom",)

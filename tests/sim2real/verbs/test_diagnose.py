@@ -61,9 +61,9 @@ def make_log(*hidden: dict[str, Any], seed: int = 0, seconds: float = 6.0) -> Lo
 
 
 @cache
-def found(effect: str, value: float, excluded: tuple[str, ...] = QUICK) -> Diagnosis:
-    """Diagnose a log that hides one effect; a few costly candidates are left out to save time."""
-    log = make_log({"effect": effect, "where": "hinge", "value": value})
+def found(excluded: tuple[str, ...]) -> Diagnosis:
+    """Diagnose a log that hides friction; a few costly candidates are left out to save time."""
+    log = make_log({"effect": "coulomb_friction", "where": "hinge", "value": 0.02})
     SHARES.clear()
     return run_diagnosis([log], None, None, excluded, 0, lambda text, share: SHARES.append(share))
 
@@ -71,7 +71,7 @@ def found(effect: str, value: float, excluded: tuple[str, ...] = QUICK) -> Diagn
 @pytest.mark.parametrize("excluded", [QUICK, pytest.param(EXCLUDED, marks=pytest.mark.slow)])
 def test_a_hidden_effect_is_named_with_its_value(excluded: tuple[str, ...]) -> None:
     """Friction that the nominal model lacks is the first cause, and adding it closes the gap."""
-    report = found("coulomb_friction", 0.02, excluded).report
+    report = found(excluded).report
     assert report.verdict == "explained"
     cause = report.causes[0]
     assert (cause.effect, cause.where, cause.form) == ("coulomb_friction", "hinge", "holds")
@@ -87,7 +87,7 @@ def test_a_hidden_effect_is_named_with_its_value(excluded: tuple[str, ...]) -> N
 
 def test_the_evidence_shows_what_the_report_says() -> None:
     """Traces, ladder, candidates and bands belong to the same before and after."""
-    report = found("coulomb_friction", 0.02).report
+    report = found(QUICK).report
     evidence = report.evidence
     assert evidence.ladder[0].gap == pytest.approx(report.gap.before)
     assert evidence.ladder[-2].gap == pytest.approx(report.gap.after, rel=1e-6)
@@ -110,7 +110,7 @@ def test_the_evidence_shows_what_the_report_says() -> None:
 
 def test_nothing_hidden_is_no_gap() -> None:
     """A model that is right is told so, with no cause and nothing closed."""
-    report = diagnose([make_log(seed=3)])
+    report = diagnose([make_log(seed=3, seconds=4.0)])
     assert report.verdict == "no_gap"
     assert report.causes == ()
     assert report.gap.after is None and report.gap.closed is None
@@ -119,7 +119,7 @@ def test_nothing_hidden_is_no_gap() -> None:
 @pytest.mark.slow
 def test_what_is_excluded_is_not_named() -> None:
     """With the true effect withheld no other one takes all its place for certain."""
-    report = found("coulomb_friction", 0.02, ("coulomb_friction", *EXCLUDED)).report
+    report = found(("coulomb_friction", *EXCLUDED)).report
     assert "coulomb_friction" not in [cause.effect for cause in report.causes]
     assert report.verdict not in ("no_gap", "explained")
     assert report.where[0].joint == "hinge"
@@ -128,7 +128,7 @@ def test_what_is_excluded_is_not_named() -> None:
 
 def test_the_run_writes_its_files(tmp_path: Path) -> None:
     """report.json, report.html, effects.yaml and model.xml; the effects load and are the causes."""
-    diagnosis = found("coulomb_friction", 0.02)
+    diagnosis = found(QUICK)
     write(diagnosis, tmp_path)
     tree = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
     assert Report.from_json(tree).causes[0].effect == "coulomb_friction"
@@ -140,7 +140,7 @@ def test_the_run_writes_its_files(tmp_path: Path) -> None:
 
 def test_the_report_says_what_the_verb_replay_says(tmp_path: Path) -> None:
     """run=replay of the same log, without and with effects.yaml, gives the same figures."""
-    diagnosis = found("coulomb_friction", 0.02)
+    diagnosis = found(QUICK)
     write(diagnosis, tmp_path)
     log = make_log({"effect": "coulomb_friction", "where": "hinge", "value": 0.02})
     causes = load_effects(tmp_path / "effects.yaml")
@@ -157,7 +157,7 @@ def test_the_report_says_what_the_verb_replay_says(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_known_effect_leaves_no_gap(tmp_path: Path) -> None:
     """What a diagnosis found, put into the model, is not found again."""
-    diagnosis = found("coulomb_friction", 0.02)
+    diagnosis = found(QUICK)
     write(diagnosis, tmp_path)
     log = make_log({"effect": "coulomb_friction", "where": "hinge", "value": 0.02})
     assert diagnose([log], effects=tmp_path / "effects.yaml").verdict == "no_gap"
@@ -165,7 +165,7 @@ def test_a_known_effect_leaves_no_gap(tmp_path: Path) -> None:
 
 def test_the_file_holds_what_was_known_too(tmp_path: Path) -> None:
     """A known effect stays in effects.yaml; one that more was found of is there once, with both."""
-    diagnosis = found("coulomb_friction", 0.02)
+    diagnosis = found(QUICK)
     ((_, (value,)), (low, high)) = diagnosis.found[0], diagnosis.intervals[0]
     friction, rotor = make("coulomb_friction", where="hinge"), make("armature", where="hinge")
     known = ((rotor, (1e-4,)), (friction, (0.005,)))

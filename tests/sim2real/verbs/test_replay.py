@@ -17,6 +17,7 @@ from hardware.errors import LogError
 from hardware.log import Log, read_log, read_logs, write_log
 from sim2real.diagnosis.data.recording import to_recording, with_bus_delay
 from sim2real.runs.errors import Sim2RealError
+from sim2real.verbs import replay as command
 from sim2real.verbs.replay import run
 
 ARM = """
@@ -27,6 +28,12 @@ ARM = """
 """
 DATA = os.environ.get("SIM2REAL_DATA")
 real = pytest.mark.skipif(DATA is None, reason="real logs: set SIM2REAL_DATA to their folder")
+
+
+@pytest.fixture
+def no_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out the search for mistakes of the log, which takes most of the verb's time."""
+    monkeypatch.setattr(command, "find_mistakes", lambda *_: [])
 
 
 def make_log(folder: Path, friction: float) -> Path:
@@ -44,6 +51,7 @@ def make_log(folder: Path, friction: float) -> Path:
     return write_log(folder / "chirp.csv", Log(both, {"model": "arm.xml"}))
 
 
+@pytest.mark.usefixtures("no_search")
 def test_the_gap_of_a_known_effect_vanishes_once_it_is_in_the_simulator(tmp_path: Path) -> None:
     """Without the friction the arm is off by centiradians, with it by the log's last digit."""
     log, file = make_log(tmp_path, 0.02), tmp_path / "effects.yaml"
@@ -75,6 +83,7 @@ def test_bad_input_is_said_in_one_sentence(tmp_path: Path) -> None:
         run(log=str(log), model=None, effects=None, out=tmp_path)
 
 
+@pytest.mark.usefixtures("no_search")
 @real
 def test_real_servos_err_as_published(tmp_path: Path) -> None:
     """The stock SO-101 model is off by 0.46 to 3.19 degrees, as other replays of this log found."""
@@ -85,6 +94,7 @@ def test_real_servos_err_as_published(tmp_path: Path) -> None:
     np.testing.assert_allclose(degrees, [0.47, 2.42, 3.19, 0.96, 0.80], atol=0.02)
 
 
+@pytest.mark.usefixtures("no_search")
 def test_positions_are_compared_when_they_were_read(tmp_path: Path) -> None:
     """Stamps that say that positions are older than their row, and a declared bus delay, count."""
     path = make_log(tmp_path, 0.0)
@@ -108,6 +118,7 @@ def test_positions_are_compared_when_they_were_read(tmp_path: Path) -> None:
     assert errors["untold"] > 0.005
 
 
+@pytest.mark.usefixtures("no_search")
 @pytest.mark.parametrize(("unit", "origin"), [(1e3, 0.0), (1e6, 0.0), (1.0, 1.7684e9)])
 def test_a_log_of_any_clock_is_replayed_alike(tmp_path: Path, unit: float, origin: float) -> None:
     """Milliseconds would be a month of simulation, seconds since 1970 would fill any memory."""
@@ -133,6 +144,7 @@ def test_a_row_of_another_day_is_refused_before_it_is_simulated(tmp_path: Path) 
         run(log=str(path), model=None, effects=None, out=tmp_path)
 
 
+@pytest.mark.usefixtures("no_search")
 def test_the_end_names_joints_and_units(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """One line: the error of all, its unit, and that of each joint."""
     with caplog.at_level("INFO"):
@@ -166,6 +178,7 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
         run(log=str(path), model=str(tmp_path / "free.xml"), effects=None, out=tmp_path)
 
 
+@pytest.mark.usefixtures("no_search")
 def test_lost_readings_count_in_no_error(tmp_path: Path) -> None:
     """The rest is as it was."""
     path = make_log(tmp_path, 0.02)
