@@ -54,7 +54,7 @@ class Cogging(Effect):
             0.0,
             1e4,
             "ripples per turn of the joint",
-            fit=(0.0, 1e4),
+            fit=(3.0, 1e4),  # fewer are a swell that no motor makes
             typical=(4.0, 32.0),
         ),
         phase("the ripple's phase at q = 0"),

@@ -17,7 +17,7 @@ import yaml
 from hardware.errors import LogError
 from hardware.files import atomic_write
 from hardware.formats import cells, mapped, messages, parquet
-from hardware.formats.units import ASKED, TAKES, TURN, UNITS
+from hardware.formats.units import ASKED, PER_SECOND, TAKES, TURN, UNITS
 
 WORDS = {  # column, and what others call it; the first that fits counts
     "time": r"t|time|timestamp|stamp|secs?|seconds",
@@ -98,8 +98,12 @@ def guess(name: str) -> tuple[str, str | None] | None:
         if size and unit is None:
             continue
         column = _column(parts[: len(parts) - size])
-        if column is None or not _fits(unit, column):
+        if column is None:
             continue
+        if not _fits(unit, column):
+            unit = f"{unit}{PER_SECOND}"  # `vel_deg`
+            if not _fits(unit, column):
+                continue
         if column in ("time", "episode"):
             return column, unit
         left = _words(name.split("/")[-2]) if topic else parts[: len(parts) - size]
@@ -138,8 +142,8 @@ def _fits(unit: str | None, column: str) -> bool:
     """Return whether a column's kind takes a unit."""
     if unit in (None, ASKED):
         return unit is None or column in ("ctrl", "qpos", "qvel")
-    dimension = next(name for name, units in UNITS.items() if unit in units)
-    return dimension in TAKES.get(column, ())
+    dimensions = {name for name, units in UNITS.items() if unit in units}
+    return not dimensions.isdisjoint(TAKES.get(column, ()))
 
 
 def _columns(log: Path) -> str:

@@ -3,6 +3,8 @@
 `conf/config.yaml` names `SparedWorkers` among Hydra's callbacks.
 """
 
+import os
+from importlib import import_module
 from typing import Any
 
 from hydra.experimental.callback import Callback
@@ -11,6 +13,7 @@ from omegaconf import DictConfig
 from sim2real.runs.stopping import spare_children
 
 SIDE_BY_SIDE = "JoblibLauncher"
+GLFW = "PYGLFW_LIBRARY"  # where GLFW, which MuJoCo imports, is
 
 
 class SparedWorkers(Callback):
@@ -23,3 +26,14 @@ class SparedWorkers(Callback):
         """Spare the processes of a sweep that runs jobs side by side."""
         if str(config.hydra.launcher._target_).endswith(SIDE_BY_SIDE):
             spare_children()
+            find_glfw()
+
+
+def find_glfw() -> None:
+    """Look for GLFW here, for the processes of all jobs.
+
+    Each would start a process that looks for it, whose input never comes where the job is ended.
+    """
+    found = import_module("glfw.library").glfw
+    if found is not None:
+        os.environ.setdefault(GLFW, found._name)

@@ -11,7 +11,7 @@ from typing import Any
 from sim2real.diagnosis.comparison.answer import Comparison, Fleet
 from sim2real.diagnosis.comparison.compare import compare, compare_fleet
 from sim2real.diagnosis.comparison.guard import read_guard
-from sim2real.diagnosis.comparison.page import write_page
+from sim2real.diagnosis.comparison.page import format_change, write_page
 from sim2real.runs.errors import Sim2RealError
 
 log_ = logging.getLogger(__name__)
@@ -80,11 +80,9 @@ def run(
         log_.info("%s%s: %s", name, one.verdict.replace("_", " "), one.reason)
         for change in one.changes:
             low, high = change.interval
-            place = f" at {change.where}" if change.where else ""
             log_.warning(
-                "%s%s: %+.4g [%.4g, %.4g] %s",
-                change.effect,
-                place,
+                "%s: %+.4g [%.4g, %.4g] %s",
+                format_change(change),
                 change.change,
                 low,
                 high,

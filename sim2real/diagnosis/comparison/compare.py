@@ -22,15 +22,23 @@ from envs.plant import Fixed
 from hardware.log import Log, read_logs
 from sim2real.diagnosis.comparison.alike import friction, in_proportion
 from sim2real.diagnosis.comparison.answer import Change, Comparison, Fleet, Value, Verdict
-from sim2real.diagnosis.comparison.changes import as_alike, as_change, find_changes
+from sim2real.diagnosis.comparison.changes import Changes, as_alike, as_change, find_changes
 from sim2real.diagnosis.comparison.confounders import SUPPLY, Found, confounders
 from sim2real.diagnosis.comparison.excused import excuse
 from sim2real.diagnosis.comparison.motions import Motions, aligned, pair
 from sim2real.diagnosis.comparison.pieces import Pieces, contrasts
-from sim2real.diagnosis.comparison.response import Response, Watch, errors, respond, watched
+from sim2real.diagnosis.comparison.response import (
+    Column,
+    Response,
+    Watch,
+    errors,
+    respond,
+    watched,
+)
 from sim2real.diagnosis.comparison.shared import share
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.report.text import format_place
 from sim2real.diagnosis.settings import DEFAULT, Settings
 from sim2real.runs.errors import Sim2RealError
 
@@ -239,11 +247,8 @@ def _compared(
     watched = [change(column) for column in found.every.columns]
     passed = [c for c in named if c.limit is not None and abs(c.change) <= c.limit]
     changes = [c for c in named if c not in passed]
-    untold = tuple(
-        (columns[k].label, "looks like what is put down to temperature or mounting")
-        for k in found.untold
-    )
-    verdict, reason = _verdict(changes, watched, numbers)
+    untold = _untold(columns, found)
+    verdict, reason = _verdict(changes, watched, len(watched) - len(untold), numbers)
     return Comparison(
         verdict,
         reason,
@@ -256,6 +261,17 @@ def _compared(
         numbers,
         inputs,
     )
+
+
+def _untold(columns: Sequence[Column], found: Changes) -> tuple[tuple[str, str], ...]:
+    """Return the labels of changes that the logs cannot show, and why."""
+    alike = "looks like what is put down to temperature or mounting"
+    why = dict.fromkeys(found.untold, alike)
+    halves = found.every.critical * found.every.spread
+    for k, half in zip(found.every.columns, halves, strict=True):
+        if half > columns[k].largest:
+            why.setdefault(k, f"known to ± {half:.2g} {columns[k].option.effect.unit}".strip())
+    return tuple((columns[k].label, text) for k, text in why.items())
 
 
 def _numbers(data: Data, first: Pieces, pieces: Pieces, alpha: float) -> dict[str, object]:
@@ -303,19 +319,29 @@ def _ends(confounded: Found, columns: Sequence[int], little: float) -> np.ndarra
 
 
 def _verdict(
-    changes: Sequence[Change], watched: Sequence[Change], numbers: Mapping[str, object]
+    changes: Sequence[Change], watched: Sequence[Change], told: int, numbers: Mapping[str, object]
 ) -> tuple[Verdict, str]:
+    """Return the verdict and why; `told` of the watched changes the logs can show."""
     if changes:
-        names = ", ".join(f"{c.effect} at {c.where or 'the robot'}" for c in changes)
+        names = ", ".join(f"{c.effect} at {format_place(c.effect, c.where)}" for c in changes)
         return "changed", f"changed: {names}"
     wide = [c for c in watched if c.limit is not None and max(abs(e) for e in c.interval) > c.limit]
     if wide:
-        names = ", ".join(f"{c.effect} at {c.where or 'the robot'}" for c in wide)
+        names = ", ".join(f"{c.effect} at {format_place(c.effect, c.where)}" for c in wide)
         return "cannot_tell", (
             f"nothing was seen to change, but the intervals of {names} reach beyond their limits: "
             "record longer, or motions that move more"
         )
-    return "unchanged", f"{numbers['pieces']} pieces, and nothing that chance does not make"
+    if not told:
+        return "cannot_tell", (
+            "these logs can show no change of what is watched, however large: record motions that "
+            "move more"
+        )
+    text = f"{numbers['pieces']} pieces, and nothing that chance does not make"
+    hidden = len(watched) - told
+    return "unchanged", text + (
+        f"; {hidden} of {len(watched)} changes cannot be seen in these logs" if hidden else ""
+    )
 
 
 def _measured(change: float, limit: float | None) -> Change:

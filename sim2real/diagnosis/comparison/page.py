@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from sim2real.diagnosis.comparison.answer import Change, Comparison, Fleet
+from sim2real.diagnosis.comparison.answer import Alike, Change, Comparison, Fleet, Value
+from sim2real.diagnosis.report.text import effect_display_name, format_place
 from sim2real.runs.files import write_text
 
 FOLDER = Path(__file__).parent / "page"
@@ -30,6 +31,7 @@ def write_page(answer: Comparison | Fleet, path: str | Path) -> Path:
     """Write the page of a comparison or a fleet."""
     loader = FileSystemLoader(FOLDER)
     made = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
+    made.filters["named"] = format_change
     fleet = isinstance(answer, Fleet)
     parts = answer.units if isinstance(answer, Fleet) else {"": answer}
     shared = answer.mean if isinstance(answer, Fleet) else answer.shared
@@ -53,6 +55,11 @@ def headline(answer: Comparison | Fleet) -> str:
         count = len(answer.changes)
         return f"Changed: {count} {'effect' if count == 1 else 'effects'}."
     return WORDS[answer.verdict]
+
+
+def format_change(one: Change | Alike | Value) -> str:
+    """Return an effect and its place in words."""
+    return f"{effect_display_name(one.effect)} at {format_place(one.effect, one.where)}"
 
 
 def bars(answer: Comparison) -> list[Bar]:

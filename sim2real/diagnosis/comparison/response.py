@@ -18,7 +18,13 @@ from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.inference.batches import Rows, simulate_each
-from sim2real.diagnosis.inference.candidates import Candidate, candidates, get_nudges, in_the_way
+from sim2real.diagnosis.inference.candidates import (
+    TYPICAL,
+    Candidate,
+    candidates,
+    get_nudges,
+    in_the_way,
+)
 
 VECTORS = ("gravity_tilt",)  # effects whose values are all one thing
 
@@ -70,6 +76,11 @@ class Column(NamedTuple):
     def label(self) -> str:
         """Its effect, place, and which of several numbers."""
         return self.option.label + (f" ({'xyz'[self.place]})" if self.place else "")
+
+    @property
+    def largest(self) -> float:
+        """Size of the largest change that a diagnosis looks at."""
+        return float(self.option.step[self.place]) / TYPICAL
 
 
 class Response(NamedTuple):

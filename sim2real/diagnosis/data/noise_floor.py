@@ -38,11 +38,16 @@ def noise_floor(logs: Sequence[Log], settings: Settings = DEFAULT) -> dict[str, 
 
 
 def step_of(values: np.ndarray, settings: Encoder = DEFAULT.encoder) -> float:
-    """Return the step between two readings of an encoder, 0 if they are not rounded."""
-    steps = np.diff(np.unique(values))
+    """Return the step between two readings of an encoder, 0 if they are not rounded.
+
+    Of few values that are read again and again it is the smallest step between two of them.
+    """
+    levels = np.unique(values)
+    steps = np.diff(levels)
     steps = steps[steps > settings.same]
     if len(steps) < settings.steps_min:
-        return 0.0
+        again = len(values) > settings.steps_min * len(levels)
+        return float(steps.min()) if again and steps.size else 0.0
     step = float(np.median(steps[steps < settings.one_count * steps.min()]))
     near = steps[steps < settings.tested_counts * step]
     whole = np.abs(near / step - np.round(near / step)) < settings.whole_error

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from sim2real.diagnosis.report.text import (
     SUBTITLES,
     effect_display_name,
+    format_place,
     interval,
     percent,
     place_of,
@@ -89,7 +90,7 @@ def _rows(causes: Sequence[Cause]) -> Iterator[tuple[str, ...]]:
         for other in cause.equivalent:
             yield (
                 f"  or {effect_display_name(other.effect)}",
-                other.where or "the robot",
+                format_place(other.effect, other.where),
                 *4 * "–",
             )
 

@@ -105,6 +105,12 @@ def place_of(cause: Cause) -> tuple[str, str | None]:
     return effect, where or (EVERYWHERE if cause.shared else None)
 
 
+def format_place(effect: str, where: str | None) -> str:
+    """Return an effect's place; in words where it is at all joints alike, or of the robot."""
+    everywhere = effect in EFFECTS and EFFECTS[effect].place in ("joint", "actuator")
+    return where or (EVERYWHERE if everywhere else "the robot")
+
+
 def subjects(causes: Sequence[tuple[str, str | None]]) -> list[str]:
     """Return causes (effect, place) in words; many are grouped by effect."""
     if len(causes) <= SINGLY:

@@ -106,6 +106,8 @@ def test_a_wrong_mapping_is_named(tmp_path, place: int | str, change: Any, sente
         ("dq_rad_s", ("qvel.joint", "rad/s")),
         ("elbow_speed_deg_per_s", ("qvel.elbow", "deg/s")),
         ("dq_elbow (rad/s)", ("qvel.elbow", "rad/s")),
+        ("elbow_vel_deg", ("qvel.elbow", "deg/s")),
+        ("velocity (rad)", ("qvel.joint", "rad/s")),
         ("velocity_s", ("qvel.s", None)),
         ("shoulder.vel", ("qvel.shoulder", None)),
         ("q1", ("qpos.joint1", None)),

@@ -1,9 +1,9 @@
 """Logs as anybody writes them, drawn from a grammar: each is read right, or refused in a sentence.
 
 A drawing chooses a motion and then how it is written: names, units, the clock's origin and unit,
-lost readings, the columns' rates, what separates cells, how numbers are encoded. Where nothing was
-chosen that only a person can know, the log has to be read; whatever is refused names a row or a
-column, and a remedy.
+lost readings, the columns' rates, what separates cells, how numbers are encoded. Names that others
+use are mapped by what `convert` writes for them. Where nothing was chosen that only a person can
+know, the log has to be read; whatever is refused names a row or a column, and a remedy.
 """
 
 from __future__ import annotations
@@ -16,11 +16,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hardware.errors import LogError
+from hardware.formats.guess import write_guess
 from hardware.log import Log, read_log
 
 ROWS, STEP = 60, 0.02
@@ -28,8 +30,26 @@ TIME = np.arange(ROWS) * STEP
 EARLY, LATE = 0.007, 0.01  # s into a step: a state, then the command
 ORIGIN = 1768472890  # s since 1970
 SECONDS, BYTES = 10.0, 2**30  # that a log may take
+MOMENT = "sensor.moment"  # a column that tells the true time of a row
+KINDS = ("ctrl", "qpos", "qvel")
 UNITS = {"rad": 1.0, "deg": 180 / np.pi, "counts/4096": 4096 / (2 * np.pi)}
 CLOCKS = ("s", "unix", "ms", "us", "ns", "iso", "sec,nanosec")
+NAMES = {  # of a command, a position and a speed, as others write them
+    "words": ("{joint}_cmd{unit}", "{joint}_pos{unit}", "{joint}_vel{unit}"),
+    "letters": ("q_des_{joint}{unit}", "q_{joint}{unit}", "dq_{joint}{unit}"),
+    "servos": ("goal_position_{number}", "present_position_{number}", "present_speed_{number}"),
+    "topics": (
+        "/joint_commands/{joint}/position",
+        "/joint_states/{joint}/position",
+        "/joint_states/{joint}/velocity",
+    ),
+    "data set": ("action.{joint}.pos", "observation.state.{joint}.pos", "{joint}.vel"),
+}
+SUFFIXES = {
+    "rad": ("", "_rad"),
+    "deg": ("", "_deg", " [deg]", "(degrees)"),
+    "counts/4096": ("", "_raw", "_ticks"),
+}
 REMEDIES = ("write", "remove", "give", "repair", "correct", "map", "log it", "there are", "needed")
 
 
@@ -40,8 +60,10 @@ class Drawn(NamedTuple):
         joints: names of its joints.
         clock: origin and unit of its time.
         unit: of commands and positions.
-        mapped: whether other names are used, with a columns.yaml that tells them.
-        headers: lines of names; other than one only where it is mapped.
+        names: "ours"; "any" that a columns.yaml tells; or a way of others (`NAMES`).
+        suffix: what of the unit a name says.
+        speeds: whether speeds are logged, too.
+        headers: lines of names; other than one only where a columns.yaml tells them.
         separator: of cells.
         lost: rows whose first position is missing.
         word: what stands there.
@@ -53,7 +75,9 @@ class Drawn(NamedTuple):
     joints: tuple[str, ...]
     clock: str
     unit: str
-    mapped: bool
+    names: str
+    suffix: str
+    speeds: bool
     headers: int
     separator: str
     lost: frozenset[int]
@@ -78,19 +102,39 @@ class Drawn(NamedTuple):
         read[list(self.lost)] = False
         return read
 
+    def called(self, number: int) -> str:
+        """Return the name of a joint in the log that is read."""
+        return f"joint{number}" if self.names == "servos" else self.joints[number]
+
+    def columns(self, number: int) -> dict[str, str]:
+        """Return what the command, position and speed of a joint are called here, by our names."""
+        joint = self.joints[number]
+        ours = [f"{kind}.{self.called(number)}" for kind in KINDS]
+        if self.names not in NAMES:
+            return dict(zip(ours, ours, strict=True))
+        unit = self.suffix + "_s" * (self.suffix in ("_rad", "_deg"))
+        own = [
+            name.format(joint=joint, number=number, unit=unit if kind == "qvel" else self.suffix)
+            for kind, name in zip(KINDS, NAMES[self.names], strict=True)
+        ]
+        return dict(zip(ours, own, strict=True))
+
 
 @st.composite
 def logs(draw: Any) -> Drawn:
     """Draw a way to write a log."""
-    mapped, apart = draw(st.booleans()), draw(st.booleans())
+    names, apart = draw(st.sampled_from(("ours", "any", *NAMES))), draw(st.booleans())
+    unit = "rad" if names == "ours" else draw(st.sampled_from(list(UNITS)))
     rates = draw(st.one_of(st.just((1, 1)), st.tuples(st.integers(1, 5), st.integers(1, 5))))
     whole = rates == (1, 1) and not apart  # else a missing command is one that is held
     return Drawn(
         tuple(draw(st.lists(st.sampled_from("abcdef"), min_size=1, max_size=3, unique=True))),
         draw(st.sampled_from(CLOCKS)),
-        draw(st.sampled_from(list(UNITS))) if mapped else "rad",
-        mapped,
-        draw(st.sampled_from((0, 1, 2))) if mapped else 1,
+        unit,
+        names,
+        draw(st.sampled_from(SUFFIXES[unit])),
+        draw(st.booleans()),
+        draw(st.sampled_from((0, 1, 2))) if names == "any" else 1,
         draw(st.sampled_from(",;\t")),
         draw(st.frozensets(st.integers(0, ROWS - 1), max_size=ROWS // 3)),
         draw(st.sampled_from(("", "nan", "null", "NA"))),
@@ -100,10 +144,11 @@ def logs(draw: Any) -> Drawn:
     )
 
 
-def motions(joint: str, time: np.ndarray = TIME) -> tuple[np.ndarray, np.ndarray]:
-    """Return commands and positions of a joint at some moments, (T,) [rad]."""
+def motions(joint: str, time: np.ndarray = TIME) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return commands, positions [rad] and speeds [rad/s] of a joint at some moments, (T,) each."""
     phase = ord(joint)
-    return np.sin(3 * time + phase), 0.9 * np.sin(3 * time + phase - 0.1)
+    late = 3 * time + phase - 0.1
+    return np.sin(3 * time + phase), 0.9 * np.sin(late), 2.7 * np.cos(late)
 
 
 def clock(kind: str, time: np.ndarray = TIME) -> dict[str, list[Any]]:
@@ -128,32 +173,35 @@ def clock(kind: str, time: np.ndarray = TIME) -> dict[str, list[Any]]:
 
 
 def write(drawn: Drawn, folder: Path) -> Path:
-    """Write a log, and its columns.yaml where it needs one."""
+    """Write a log, and its columns.yaml where nobody could guess it."""
     time, sent, read = drawn.table()
     columns: dict[str, list[Any]] = {"episode": [0] * len(time), **clock(drawn.clock, time)}
-    columns["sensor.moment"] = time.tolist()
-    factor = UNITS[drawn.unit]
+    columns[MOMENT] = time.tolist()
+    units = {}
     for number, joint in enumerate(drawn.joints):
-        command, position = (factor * part for part in motions(joint, time))
-        if drawn.unit.startswith("counts"):
-            command, position = np.round(command), np.round(position)
         first = number == 0
-        for kind, values, there in (
-            ("ctrl", command, sent & (np.arange(len(time)) != drawn.hole) if first else sent),
-            ("qpos", position, drawn.readings() if first else read),
+        holes = sent & (np.arange(len(time)) != drawn.hole) if first else sent
+        readings = drawn.readings() if first else read
+        for name, values, there in zip(
+            drawn.columns(number), motions(joint, time), (holes, readings, readings), strict=True
         ):
-            columns[f"{kind}.{joint}"] = np.where(there, values.astype(object), drawn.word).tolist()
-    names = list(columns)
+            if name.startswith("qvel.") and not drawn.speeds:
+                continue
+            values = UNITS[drawn.unit] * values
+            values = np.round(values) if drawn.unit.startswith("counts") else values
+            columns[name] = np.where(there, values.astype(object), drawn.word).tolist()
+            units[name] = drawn.unit + "/s" * name.startswith("qvel.")
+    called = {k: v for number in range(len(drawn.joints)) for k, v in drawn.columns(number).items()}
+    names = [called.get(name, name) for name in columns]
     heads = [names]
-    if drawn.mapped:
-        entries: dict[str, dict[str, Any]] = {}
+    if drawn.names == "any":
         sources = [f"x{i}" if drawn.headers else str(i) for i in range(len(names))]
         heads = [[], [sources], [["x"] * len(names), sources]][drawn.headers]
         sources = [f"x {name}" for name in sources] if drawn.headers == 2 else sources
-        for name, source in zip(names, sources, strict=True):
-            entries[name] = {"from": source}
-            if name[:5] in ("ctrl.", "qpos."):
-                entries[name]["unit"] = drawn.unit
+        entries: dict[str, dict[str, Any]] = {
+            name: {"from": source, **({"unit": units[name]} if name in units else {})}
+            for name, source in zip(columns, sources, strict=True)
+        }
         if "sec" in entries:
             entries["time"] = entries.pop("sec") | {"nanosec": entries.pop("nanosec")["from"]}
         (folder / "columns.yaml").write_text(yaml.safe_dump({"columns": entries}))
@@ -163,21 +211,42 @@ def write(drawn: Drawn, folder: Path) -> Path:
     return path
 
 
+def let_guess(drawn: Drawn, path: Path) -> None:
+    """Write the columns.yaml that a log is refused without; answer what it asks for."""
+    with pytest.raises(LogError, match=r"convert LOG columns=columns\.yaml"):
+        read_log(path)
+    file = write_guess(path, path.with_name("columns.yaml"))
+    tree = yaml.safe_load(file.read_text())
+    asked = {name: e for name, e in tree["columns"].items() if e.get("unit") == "?"}
+    if asked:
+        assert drawn.unit != "rad"
+        with pytest.raises(LogError, match=f"{next(iter(asked))}: the unit is not filled in yet"):
+            read_log(path)
+    for name, entry in asked.items():
+        entry["unit"] = drawn.unit + "/s" * name.startswith("qvel.")
+    tree["columns"][MOMENT] = {"from": MOMENT}
+    file.write_text(yaml.safe_dump(tree))
+
+
 def check(drawn: Drawn, log: Log) -> None:
     """Hold a log that was read against the motion that was written."""
     time, sent, _ = drawn.table()
-    moment = log.column("sensor.moment")
+    moment = log.column(MOMENT)
     assert np.allclose(log.time - log.time[0], moment - moment[0], atol=1e-6)
     assert set(time[sent & (time >= moment[0])].round(6)) <= set(moment.round(6))
     count = 2 * np.pi / 4096 if drawn.unit.startswith("counts") else 1e-5  # of stamps in µs
-    for joint in drawn.joints:
+    called = [drawn.called(number) for number in range(len(drawn.joints))]
+    assert set(log.joints) == set(called)
+    for joint, name in zip(drawn.joints, called, strict=True):
         latest = time[sent][np.searchsorted(time[sent], moment + 1e-6) - 1]
-        assert np.allclose(log.column(f"ctrl.{joint}"), motions(joint, latest)[0], atol=count)
-        stamp = moment + log.columns.get(f"stamp.{joint}", log.time) - log.time
-        position = motions(joint, stamp)[1]
-        assert np.allclose(log.column(f"qpos.{joint}")[log.fresh], position[log.fresh], atol=count)
-        assert np.isfinite(log.column(f"qpos.{joint}")).all()
-    stamp = moment + log.columns.get(f"stamp.{drawn.joints[0]}", log.time) - log.time
+        assert np.allclose(log.column(f"ctrl.{name}"), motions(joint, latest)[0], atol=count)
+        stamp = moment + log.columns.get(f"stamp.{name}", log.time) - log.time
+        for kind, right in zip(KINDS[1:], motions(joint, stamp)[1:], strict=True):
+            if kind == "qpos" or drawn.speeds:
+                read = log.column(f"{kind}.{name}")
+                assert np.allclose(read[log.fresh], right[log.fresh], atol=count)
+                assert np.isfinite(read).all()
+    stamp = moment + log.columns.get(f"stamp.{called[0]}", log.time) - log.time
     stamps, there = set(stamp[log.fresh].round(4)), time[drawn.readings()].round(4)
     assert len(stamps) == log.fresh.sum()  # each reading in one row
     assert set(there[there >= moment[0].round(4)]) <= stamps <= set(there)
@@ -192,6 +261,8 @@ def test_a_log_is_read_right_or_refused_in_a_sentence(drawn: Drawn) -> None:
         tracemalloc.start()
         began = time.monotonic()
         try:
+            if drawn.names in NAMES:
+                let_guess(drawn, path)
             log = read_log(path)
         except LogError as error:
             sentence = str(error)

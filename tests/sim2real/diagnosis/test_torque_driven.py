@@ -1,7 +1,11 @@
-"""A friction that is named where torques are commanded, and where rows bring their gains."""
+"""A friction that is named where torques are commanded, and where rows bring their gains.
+
+And a model that flies off: what holds it is no explanation.
+"""
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -11,6 +15,10 @@ from tests.sim2real.diagnosis import motors
 from tests.sim2real.diagnosis.data import test_impedance as impedance
 
 FRICTION, NOISE = 0.1, 3e-4  # N·m, rad
+LIGHT = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body>
+<joint name="a" axis="0 0 1" {}/><geom type="capsule" fromto="0 0 0 .2 0 0" size=".01" mass=".01"/>
+</body></worldbody><actuator><motor name="a" joint="a"/></actuator></mujoco>"""
+HEAVY = 'frictionloss="3" damping="2.8" armature="0.4"'
 
 
 def noisy(log: Log) -> Log:
@@ -41,3 +49,31 @@ def test_a_hidden_friction_is_named(kind: str, tmp_path: Path) -> None:
     assert (cause.effect, cause.where) == ("coulomb_friction", "b")
     assert cause.value == pytest.approx(FRICTION, rel=0.05)
     assert report.gap.closed is not None and report.gap.closed > 0.95
+
+
+def light(folder: Path) -> tuple[Log, Path]:
+    """Return a log of a joint with a rotor and friction, and its model, which has neither."""
+    path = folder / "light.xml"
+    path.write_text(LIGHT.format(""), encoding="utf-8")
+    model, rng = mujoco.MjModel.from_xml_string(LIGHT.format(HEAVY)), np.random.default_rng(1)
+    data, time = mujoco.MjData(model), np.arange(1200) / 100
+    torque = 8 * np.sin(np.pi * time) + 4 * np.sin(2.2 * np.pi * time + 1)
+    seen = np.zeros(len(time))
+    for row, sent in enumerate(torque):
+        seen[row], data.ctrl[0] = data.qpos[0], sent
+        mujoco.mj_step(model, data, 5)
+    seen += 1e-3 * rng.normal(size=len(seen))
+    columns = {"episode": np.zeros(len(time)), "time": time, "ctrl.a": torque, "qpos.a": seen}
+    return Log(columns), path
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("left_out", [(), ("coulomb_friction", "viscous_friction")])
+def test_what_only_holds_a_model_that_flies_off_explains_nothing(left_out, tmp_path: Path) -> None:
+    """It closes nearly all of a gap of radians, as a joint that stays would: that is no cause."""
+    log, model = light(tmp_path)
+    report = diagnose([log], model, exclude=left_out)
+    assert report.gap.before > 1.0
+    assert report.verdict in ("partly_explained", "unexplained")
+    assert all(cause.confidence < 0.5 for cause in report.causes)

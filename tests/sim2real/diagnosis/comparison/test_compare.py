@@ -146,6 +146,33 @@ def test_too_little_is_said_to_be_too_little(model) -> None:
     assert "too few" in answer.reason
 
 
+def at_rest(seed: int, *joints: str) -> Log:
+    """Return the arm's log as if some joints had stayed where they hang."""
+    still = {f"{kind}.{joint}": np.zeros(600) for kind in ("ctrl", "qpos") for joint in joints}
+    return noisy(Log({**driven().columns, **still}), seed)
+
+
+def test_a_robot_that_stays_shows_nothing(model) -> None:
+    """A load that is known to several kg at links of 0.3 kg is no load that did not change."""
+    sides = at_rest(1, "a", "b"), at_rest(2, "a", "b")
+    answer = compare(*sides, model, watch=["payload"])
+    assert (answer.verdict, answer.exit_status) == ("cannot_tell", 4)
+    assert "move more" in answer.reason
+    assert [label for label, _ in answer.untold] == ["payload.upper", "payload.lower"]
+    assert all(" kg" in why for _, why in answer.untold)
+
+
+def test_a_joint_that_stays_hides_its_own_changes_alone(model, tmp_path: Path) -> None:
+    """The others are as they were; what could not be seen is counted and listed."""
+    sides = at_rest(1, "b"), at_rest(2, "b")
+    answer = compare(*sides, model, watch=["viscous_friction"])
+    assert (answer.verdict, answer.exit_status) == ("unchanged", 0)
+    assert "2 of 3 changes cannot be seen" in answer.reason
+    assert [label for label, _ in answer.untold] == ["viscous_friction", "viscous_friction.b"]
+    page = write_page(answer, tmp_path / "compare.html").read_text()
+    assert "viscous friction at all joints alike" in page
+
+
 def test_what_may_all_be_temperature_cannot_be_told(model) -> None:
     """Where nothing that was watched is left, the answer says what would help."""
     sides = noisy(driven(), 1), noisy(driven(), 2)
@@ -179,7 +206,7 @@ def test_the_page_in_a_browser(browser: str, changed: Comparison, tmp_path: Path
     text, complaints = shown(browser, page)
     assert complaints == ""
     assert "Changed: 1 effect." in text
-    assert "coulomb friction at a" in text
+    assert "Coulomb friction at a" in text
     assert text.count("<svg") == len(bars(changed))
     sure = {bar.change.where for bar in bars(changed) if bar.sure}
     assert "a" in sure <= {"a", None}  # only this joint has friction: all joints look the same

@@ -82,9 +82,10 @@ def test_no_model_outlives_its_simulation(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 def test_a_robot_of_large_meshes_is_diagnosed_in_bounded_memory(tmp_path: Path) -> None:
-    """Each model of its meshes takes 60 MB; hundreds are made of it."""
-    path = write_arm(tmp_path, 280)
+    """Each model of its meshes takes 50 MB; hundreds are made of it."""
+    path = write_arm(tmp_path, 220)
     write_log(tmp_path / "log.csv", own_log(path, 0.5))
     args = [DIAGNOSE, str(tmp_path / "log.csv"), str(path), str(LIMIT)]
     done = subprocess.run([sys.executable, "-c", *args], capture_output=True, text=True)

@@ -32,6 +32,17 @@ def test_the_error_shows_how_many_ripples_a_turn_has(ripples: float, tmp_path: P
     seen(arm.make_log(("cogging", hidden, 0.12)), tmp_path, ripples, 0.12)
 
 
+def test_a_swell_is_no_ripple(tmp_path: Path) -> None:
+    """What goes on for a third of a turn has another cause: no fit may call it a motor's."""
+    swell = {"where": "b", "count": 2.7, "phase": 1.1}
+    data = arm.data_of(arm.make_log(("cogging", swell, 0.5)), tmp_path)
+    error, _ = Replayer(data).follow(Hypothesis(()), np.zeros((len(data.windows), 0)))
+    (own,) = (c for c in candidates(data) if c.label == "cogging.b")
+    tuned = with_ripples(own, data, error)
+    assert own.low[1] == data.settings.cogging.counts[0]
+    assert tuned.probes[:, 1].min() >= own.low[1]
+
+
 @pytest.mark.parametrize("ripples", [9.0, 13.3])
 def test_the_error_of_a_joint_that_nothing_holds_shows_them_too(
     ripples: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

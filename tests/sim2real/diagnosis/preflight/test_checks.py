@@ -242,6 +242,16 @@ def test_the_floor_is_the_scatter_of_repeats_or_a_count() -> None:
     assert step_of(rng.normal(size=100)) == 0.0
 
 
+def test_a_joint_that_moved_a_few_counts_is_known_to_no_better_than_one() -> None:
+    """A row that falls on each of three values shows a step; three values of three rows do not."""
+    log = make_log(4.0)
+    few = COUNT * np.minimum(np.arange(len(log)) // 10, 3)
+    few = Log({**log.columns, "qpos.elbow": few})
+    assert step_of(few.column("qpos.elbow")) == pytest.approx(COUNT)
+    assert noise_floor([few])["elbow"] == pytest.approx(COUNT / np.sqrt(12), rel=0.3)
+    assert step_of(np.array([0.1, 0.13, 0.4])) == 0.0
+
+
 @real
 def test_the_real_servo_tells_its_gain_divisor() -> None:
     """The PWM column of the XL330 logs gives half the manual's gain, from every log alike."""

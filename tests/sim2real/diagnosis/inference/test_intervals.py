@@ -1,0 +1,31 @@
+"""Intervals of values: how sure one is of a cause, and of how much it shares with another."""
+
+import numpy as np
+import pytest
+
+from sim2real.diagnosis.inference.fit import Start
+from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.inference.intervals import compute_intervals
+from tests.sim2real.diagnosis import arm
+from tests.sim2real.diagnosis.inference.test_fit import case_of
+
+FRICTION, NOISE = 0.05, 3e-3
+
+
+def test_an_interval_says_what_an_equivalent_may_share(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    """Friction of another law may have made up part of it; that of another joint may not."""
+    log = arm.make_log(("coulomb_friction", {"where": "b"}, FRICTION), noise=NOISE, seconds=6.0)
+    case = case_of(log, tmp_path_factory)
+    own = Hypothesis((case.options["coulomb_friction.b"],))
+    (fit,) = case.fitter.fit([Start(own, np.array([[FRICTION]]))], rounds=2)
+    widths = []
+    for labels in ([], ["viscous_friction.b"], ["viscous_friction.a"]):
+        others = [case.options[label] for label in labels]
+        (ends,), _ = compute_intervals(case.fitter, fit, others)
+        assert ends[0] < FRICTION < ends[1]
+        widths.append(np.ptp(ends))
+    alone, shared, apart = widths
+    assert shared > 1.2 * alone
+    assert apart == pytest.approx(alone, rel=0.01)
