@@ -133,7 +133,7 @@ class Film:
 
     Args:
         camera: what draws.
-        fps: pictures a second.
+        fps: frames per second.
     """
 
     def __init__(self, camera: Camera, fps: int) -> None:

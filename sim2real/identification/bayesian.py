@@ -26,7 +26,7 @@ class Bayesian:
     Args:
         first: points of the first generation, spread evenly (a Sobol sequence).
         population: points of each later one, asked together.
-        generations: how many, the first among them.
+        generations: number of episodes, including the first.
 
     Raises:
         Sim2RealError: the library is not installed, or numbers below 1.

@@ -159,9 +159,9 @@ class EasiEs:
     points without ranks; then mean and variance are those of the best half, with CMA-ES's weights.
 
     Args:
-        population: points a generation.
+        population: points per generation.
         generations: how many.
-        elite: share of the points that count.
+        elite: fraction of the points that count.
         floor: least standard deviation in the first generation, in widths of the prior, falling to
             0 in the last; 0 is EASI's own. It keeps a critic from being believed before it knows.
 

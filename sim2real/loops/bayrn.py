@@ -43,7 +43,7 @@ class BayRn:
 
     Args:
         first: distributions that are spread evenly, before the process says anything.
-        rounds: distributions in all, each with a training and a time on the robot.
+        rounds: total number of distributions, each with a training and robot time.
         narrowest: least standard deviation of a parameter, in widths of the prior.
         widest: largest.
 

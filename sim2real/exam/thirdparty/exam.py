@@ -51,7 +51,7 @@ class EngineExam(Examiner):
         half: calibration (to look at and to develop with) or sealed (opened once).
         engine: what moves the robots: drake or dart.
         seconds: of each motion [s].
-        skip: number of the first drawn cases to leave out: those that were opened before.
+        skip: number of first cases to skip because they were opened before.
         longest, block, most: see `Examiner`.
 
     Raises:

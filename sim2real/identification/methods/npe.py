@@ -44,7 +44,7 @@ class Npe:
         simulations: that the network learns from.
         calibrations: more simulations, by which it is checked.
         draws: of the posterior, the particles of the answer.
-        components: principal components that sum up a simulation, at most.
+        components: maximum number of principal components that summarize a simulation.
         epochs: of the training, at most; it stops where held-out simulations gain no more.
         settings: see `Settings`.
 

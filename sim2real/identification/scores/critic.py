@@ -27,7 +27,7 @@ class Critic:
 
     Args:
         variant: "gp" or "paper".
-        updates: gradient steps a generation.
+        updates: gradient steps per generation.
         batch: transitions of each world in a step; the simulated ones evenly of all simulations.
         hidden: widths of the layers.
         lr: learning rate of RMSprop.

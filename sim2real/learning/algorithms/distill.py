@@ -36,10 +36,10 @@ class Distill(Algorithm):
         parts: the teacher's environment takes the place of theirs.
         teacher: makes the policy that receives its robot's parameters.
         num_rows: episodes of an iteration.
-        history: steps that the student sees.
+        history: number of past steps that the student observes.
         hidden: widths of its hidden layers.
         learning_rate: of Adam.
-        epochs: passes over the steps of an iteration.
+        epochs: epochs over the steps of an iteration.
         batch_size: steps of a gradient step.
 
     Raises:

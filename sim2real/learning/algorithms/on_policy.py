@@ -32,7 +32,7 @@ class OnPolicy(CollectingAlgorithm):
         parts: all but `adapt`.
         num_rows: N, episodes side by side.
         steps: T, of each row in an iteration.
-        minibatch_size: samples of a gradient step.
+        minibatch_size: samples per gradient step.
 
     Raises:
         Sim2RealError: for values out of range, or parts that do not fit together.

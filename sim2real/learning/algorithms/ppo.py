@@ -30,10 +30,10 @@ class PPO(OnPolicy):
         parts: all but `adapt`.
         num_rows: N, episodes side by side.
         steps: T, of each row in an iteration.
-        epochs: passes over the samples of an iteration.
-        minibatch_size: samples of a gradient step.
+        epochs: epochs over the samples of an iteration.
+        minibatch_size: samples per gradient step.
         anneal_frames: environment steps over which the learning rate falls to 0; None keeps it.
-        max_grad_norm: norm that the gradient is cut to.
+        max_grad_norm: maximum norm of the gradient.
         target_kl: divergence from the policy that acted after which an iteration's epochs end; None
             for no limit.
 

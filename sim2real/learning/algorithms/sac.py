@@ -44,7 +44,7 @@ class SAC(CollectingAlgorithm):
         num_rows: N, episodes side by side.
         steps: the steps of each row in an iteration; sets only how often metrics are written.
         update_ratio: gradient steps for each environment step.
-        batch_size: transitions of a gradient step.
+        batch_size: transitions per gradient step.
         warmup_frames: environment steps of random actions before the first gradient step.
         gamma: discount of a step.
         tau: how much of the critics goes into the target in a gradient step.

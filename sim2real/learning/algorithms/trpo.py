@@ -40,8 +40,8 @@ class TRPO(OnPolicy):
         step: the actor's step.
         num_rows: N, episodes side by side.
         steps: T, of each row in an iteration.
-        critic_epochs: passes of the critic over the samples of an iteration.
-        minibatch_size: samples of a gradient step of the critic.
+        critic_epochs: epochs of the critic over the samples of an iteration.
+        minibatch_size: samples per gradient step of the critic.
         kl_per_action: whether the divergence is averaged over the actions, as sb3-contrib 2.9 does,
             so that `step.max_kl` holds for each; else it is their sum, as in the paper.
 

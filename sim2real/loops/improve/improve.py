@@ -104,7 +104,7 @@ def improve(
 
     Args:
         site: the robot, or what stands for it.
-        parts: what trained the policy.
+        parts: components that trained the policy.
         training: `algorithm`, further settings of `train`, and how many iterations or frames each
             round adds.
         first: the policy as given.
