@@ -80,7 +80,11 @@ def run(
     trained = load_trained(checkpoint, parts, algorithm)
     if trained.source is not None and not interface_file(trained.source).is_file():
         added = write_interface(interface_file(trained.source).parent, trained.environment)
-        log_.warning("added %s from today's task and robot's file: look whether it holds", added)
+        log_.warning(
+            "added %s from today's task and robot's file: look whether it holds; `deploy` takes "
+            "the run now, whether or not it can be exported",
+            added,
+        )
     return export(trained, task, Path(out), np.random.default_rng(seed))
 
 

@@ -1,6 +1,7 @@
 """Exported policies: the same actions from torch.export and NumPy, without TorchRL or torch."""
 
 import json
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -20,6 +21,7 @@ from hardware.exported import ExportedPolicy, PolicyError
 from sim2real.config.compose import compose, instantiate
 from sim2real.deployment.export import ExportError, check_parity, export, to_arrays
 from sim2real.learning.environment import EnvironmentFactory
+from sim2real.learning.interface import FILE
 from sim2real.learning.interface import observation_names as names
 from sim2real.learning.modules.acting import Acting
 from sim2real.learning.trained import TrainedPolicy, flatten_parameters
@@ -88,6 +90,23 @@ def test_it_says_what_it_is(folder):
     assert facts["action"] == {"low": [-0.8], "high": [0.8]}
     assert facts["checkpoint"].startswith("checkpoint-")
     assert facts["frames"] > 0
+
+
+def test_a_run_from_before_interfaces_gets_one(folders, tmp_path, monkeypatch, caplog):
+    """Also one whose policy cannot be exported: `deploy` refuses the run without it."""
+
+    def refuse(*_: object) -> None:
+        raise ExportError("it has a memory")
+
+    run = Path(shutil.copytree(folders["es"].with_name("es"), tmp_path / "run"))
+    interface = (run / FILE).read_text()
+    (run / FILE).unlink()
+    monkeypatch.setattr("sim2real.verbs.export.export", refuse)
+    verb, arguments = instantiate(compose(["run=export", f"checkpoint={run}"]), tmp_path / "out")
+    with pytest.raises(ExportError, match="memory"):
+        verb(**arguments)
+    assert (run / FILE).read_text() == interface
+    assert "`deploy` takes the run now" in caplog.text
 
 
 def test_names_are_what_an_observation_changes_with():
