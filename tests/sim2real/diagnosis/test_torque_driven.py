@@ -17,9 +17,11 @@ from tests.sim2real.diagnosis.data import test_impedance as impedance
 
 FRICTION, NOISE = 0.1, 3e-4  # N·m, rad
 RATE, LATE = 100, 0.03  # Hz; s by which a servo's speed register is late
-LIGHT = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body>
-<joint name="a" axis="0 0 1" {}/><geom type="capsule" fromto="0 0 0 .2 0 0" size=".01" mass=".01"/>
-</body></worldbody><actuator><motor name="a" joint="a"/></actuator></mujoco>"""
+ROD = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body>
+<joint name="a" axis="{axis}" {joint}/><geom type="capsule" fromto="0 0 0 .25 0 0" {geom}/></body>
+</worldbody><actuator><motor name="a" joint="a"/></actuator></mujoco>"""
+LIGHT = {"axis": "0 0 1", "geom": 'size=".01" mass=".01"'}
+SWINGING = {"axis": "0 1 0", "geom": 'size=".02" mass=".3"'}
 HEAVY = 'frictionloss="3" damping="2.8" armature="0.4"'
 
 
@@ -53,11 +55,13 @@ def test_a_hidden_friction_is_named(kind: str, tmp_path: Path) -> None:
     assert report.gap.closed is not None and report.gap.closed > 0.95
 
 
-def light(folder: Path, hidden: str, torque: np.ndarray) -> tuple[Log, Path]:
-    """Return a log of a joint at 100 Hz, its speeds included, and its model without `hidden`."""
-    path = folder / "light.xml"
-    path.write_text(LIGHT.format(""), encoding="utf-8")
-    model = mujoco.MjModel.from_xml_string(LIGHT.format(hidden))
+def rod(
+    folder: Path, parts: dict[str, str], given: str, hidden: str, torque: np.ndarray
+) -> tuple[Log, Path]:
+    """Return a log of a rod at a joint, its speeds included, and its model, which has `given`."""
+    path = folder / "rod.xml"
+    path.write_text(ROD.format(joint=given, **parts), encoding="utf-8")
+    model = mujoco.MjModel.from_xml_string(ROD.format(joint=hidden, **parts))
     data, time = mujoco.MjData(model), np.arange(len(torque)) / RATE
     seen, speed = np.zeros((2, len(time)))
     for row, sent in enumerate(torque):
@@ -74,7 +78,7 @@ def test_what_only_holds_a_model_that_flies_off_explains_nothing(left_out, tmp_p
     """It closes nearly all of a gap of radians, as a joint that stays would: that is no cause."""
     time = np.arange(1200) / RATE
     torque = 8 * np.sin(np.pi * time) + 4 * np.sin(2.2 * np.pi * time + 1)
-    log, model = light(tmp_path, HEAVY, torque)
+    log, model = rod(tmp_path, LIGHT, "", HEAVY, torque)
     log = Log({name: values for name, values in log.columns.items() if name != "qvel.a"})
     report = diagnose([log], model, exclude=left_out)
     assert report.gap.before > 1.0
@@ -88,7 +92,8 @@ def test_a_late_speed_of_one_joint_is_no_wrong_clock(tmp_path: Path) -> None:
     """A rotor and friction make it slower than its model, at the rate that its speeds tell."""
     time = np.arange(1200) / RATE
     torque = 0.5 * np.sin(2 * np.pi * (0.3 * time + 0.06 * time**2))
-    log, model = light(tmp_path, 'frictionloss="0.1" armature="0.008"', torque)
+    given, hidden = 'armature="0.001"', 'armature="0.008" frictionloss="0.1"'
+    log, model = rod(tmp_path, SWINGING, given, hidden, torque)
     share = 1 - np.exp(-1 / RATE / LATE)
     late = np.asarray(lfilter([share], [1, share - 1], log.column("qvel.a")))
     report = diagnose([Log({**log.columns, "qvel.a": late})], model)
