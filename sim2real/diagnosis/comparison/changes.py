@@ -139,6 +139,17 @@ def as_change(
     )
 
 
+def as_untold(columns: Sequence[Column], found: Changes) -> tuple[tuple[str, str], ...]:
+    """Return the labels of changes that the logs cannot show, and why."""
+    alike = "looks like what is put down to temperature or mounting"
+    why = dict.fromkeys(found.untold, alike)
+    halves = found.every.critical * found.every.spread
+    for k, half in zip(found.every.columns, halves, strict=True):
+        if half > columns[k].largest:
+            why.setdefault(k, f"known to ± {half:.2g} {columns[k].option.effect.unit}".strip())
+    return tuple((columns[k].label, text) for k, text in why.items())
+
+
 def as_alike(columns: Sequence[Column], alike: Sequence[int], most: int = 2) -> tuple[Alike, ...]:
     """Return the effects of some columns, each once."""
     found = dict.fromkeys(Alike(columns[k].option.name, columns[k].option.place) for k in alike)

@@ -22,19 +22,17 @@ from envs.plant import Fixed
 from hardware.log import Log, read_logs
 from sim2real.diagnosis.comparison.alike import friction, in_proportion
 from sim2real.diagnosis.comparison.answer import Change, Comparison, Fleet, Value, Verdict
-from sim2real.diagnosis.comparison.changes import Changes, as_alike, as_change, find_changes
+from sim2real.diagnosis.comparison.changes import (
+    as_alike,
+    as_change,
+    as_untold,
+    find_changes,
+)
 from sim2real.diagnosis.comparison.confounders import SUPPLY, Found, confounders
 from sim2real.diagnosis.comparison.excused import excuse
 from sim2real.diagnosis.comparison.motions import Motions, aligned, pair
 from sim2real.diagnosis.comparison.pieces import Pieces, contrasts
-from sim2real.diagnosis.comparison.response import (
-    Column,
-    Response,
-    Watch,
-    errors,
-    respond,
-    watched,
-)
+from sim2real.diagnosis.comparison.response import Response, Watch, errors, respond, watched
 from sim2real.diagnosis.comparison.shared import share
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
@@ -247,7 +245,7 @@ def _compared(
     watched = [change(column) for column in found.every.columns]
     passed = [c for c in named if c.limit is not None and abs(c.change) <= c.limit]
     changes = [c for c in named if c not in passed]
-    untold = _untold(columns, found)
+    untold = as_untold(columns, found)
     verdict, reason = _verdict(changes, watched, len(watched) - len(untold), numbers)
     return Comparison(
         verdict,
@@ -261,17 +259,6 @@ def _compared(
         numbers,
         inputs,
     )
-
-
-def _untold(columns: Sequence[Column], found: Changes) -> tuple[tuple[str, str], ...]:
-    """Return the labels of changes that the logs cannot show, and why."""
-    alike = "looks like what is put down to temperature or mounting"
-    why = dict.fromkeys(found.untold, alike)
-    halves = found.every.critical * found.every.spread
-    for k, half in zip(found.every.columns, halves, strict=True):
-        if half > columns[k].largest:
-            why.setdefault(k, f"known to ± {half:.2g} {columns[k].option.effect.unit}".strip())
-    return tuple((columns[k].label, text) for k, text in why.items())
 
 
 def _numbers(data: Data, first: Pieces, pieces: Pieces, alpha: float) -> dict[str, object]:

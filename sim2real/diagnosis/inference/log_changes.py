@@ -48,6 +48,7 @@ from sim2real.diagnosis.inference.columns import (
     unwrap_turns,
 )
 from sim2real.diagnosis.inference.log_change import LogChange, Mend
+from sim2real.diagnosis.preflight.servo_signals import speed_laws
 
 DEGREES = 180 / math.pi
 LATE = (0.5, 1.0, 2.5)  # rows by which readings may be old that are looked at first
@@ -55,6 +56,7 @@ ROWS = (-2.0, -1.0, 1.0, 2.0)  # rows of a shift that are looked at first
 MOST = 6.0  # rows of a shift at most
 SCALES = (0.5, 2.0)
 RATES = (0.85, 1.2)
+RIGHT = 0.05  # share by which measured speeds differ from those of a right clock; seen: up to 0.024
 SHIFTS = (-0.1, 0.1)  # rad or m
 COUNTS = (1024, 4096)  # of a turn, of the encoders of hobby and smart servos
 FARTHEST, LARGEST = 7.0, 20.0  # bounds: of an offset [rad or m], of a factor
@@ -65,7 +67,8 @@ def list_log_changes(data: Data) -> list[LogChange]:
     log = data.logs[0]
     joints = [joint.name for joint in data.joints if f"{READING}.{joint.name}" in log.columns]
     commands = _commands(data.models[0], log)
-    found = [_clock(), _posed(log.actuators), _increments(log.actuators)]
+    found = [_posed(log.actuators), _increments(log.actuators)]
+    found += [] if _is_clock_right(data) else [_clock()]
     found.append(_late_readings(joints, float(np.median(np.diff(log.time)))))
     found += _in_counts(log, joints, [commands[j] for j in joints if j in commands])
     for joint in [None, *joints] if len(joints) > 1 else joints:
@@ -130,14 +133,21 @@ def _late_readings(joints: Sequence[str], step: float) -> LogChange:
     )
 
 
+def _is_clock_right(data: Data) -> bool:
+    """Return whether measured speeds say so: they are the change of positions over the log's time.
+
+    Without them a robot that moves faster or slower than its model may have another clock.
+    """
+    laws = speed_laws([(log, data.models[0]) for log in data.logs])
+    return any(abs(law.scale - 1) < RIGHT for law in laws.values())
+
+
 def _clock() -> LogChange:
     """Return a clock that counts in another unit."""
 
     def mend(log: Log, values: np.ndarray) -> Columns:
         times = [n for n in log.columns if n == "time" or n.startswith("stamp.")]
-        speeds = [n for n in log.columns if n.startswith(f"{SPEED}.")]
-        found = {name: log.columns[name] / values[0] for name in times}
-        return found | {name: log.columns[name] * values[0] for name in speeds}
+        return {name: log.columns[name] / values[0] for name in times}
 
     bounds = (1.0, 1 / LARGEST, LARGEST)
     return _single("clock", ("time",), None, mend, "divide by {0:.4g}", RATES, bounds)

@@ -41,6 +41,22 @@ def test_labels_are_unique_and_probes_lie_within_bounds(changes: dict[str, LogCh
         assert not len(change.neutral) or (change.probes != change.neutral).any(axis=1).all()
 
 
+def test_measured_speeds_tell_the_clock(log: Log, tmp_path: Path) -> None:
+    """Where they are the change of positions over time it is right; else it alone is mended."""
+    names = [f"qvel.{joint}" for joint in arm.JOINTS]
+    slopes = [np.gradient(log.columns[f"qpos.{joint}"], log.time) for joint in arm.JOINTS]
+    measured = Log({**log.columns, **dict(zip(names, slopes, strict=True))})
+    wrong = Log({**measured.columns, "time": 1.2 * log.time})
+    right, other = (
+        {c.label: c for c in list_log_changes(arm.data_of(one, tmp_path))}
+        for one in (measured, wrong)
+    )
+    assert "log.clock.time" not in right
+    mended = other["log.clock.time"].mended(wrong, np.array([1.2]))
+    for name in ("time", *names):
+        np.testing.assert_allclose(mended.columns[name], measured.columns[name], atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("label", "values", "mistake"),
     [

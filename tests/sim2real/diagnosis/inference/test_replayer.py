@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from hardware.log import Log
 from sim2real.diagnosis.inference.candidates import candidates
@@ -38,6 +39,20 @@ def test_an_episode_is_one_window(tmp_path: Path) -> None:
     assert (whole.first, whole.last) == (0, len(data.logs[0]))
     (later,) = cut_whole_episodes(skip_beginnings(data, ROWS))
     assert (later.start, later.first) == (ROWS, ROWS)
+
+
+def test_a_logged_speed_is_as_unsure_as_it_scatters(tmp_path: Path) -> None:
+    """Windows start at it; one of a smooth register is surer than that of a noisy one."""
+    log, rng = arm.make_log(noise=1e-4), np.random.default_rng(0)
+    slopes = {f"qvel.{n}": np.gradient(log.columns[f"qpos.{n}"], log.time) for n in arm.JOINTS}
+    unsure = []
+    for noise in (0.0, 0.2):  # rad/s
+        read = {name: speed + noise * rng.normal(size=len(log)) for name, speed in slopes.items()}
+        data = arm.data_of(Log({**log.columns, **read}), tmp_path)
+        unsure.append(Replayer(data).speed_noise * data.scale)
+    smooth, noisy = unsure
+    assert (noisy >= smooth).all()
+    assert np.median(noisy) == pytest.approx(0.2, rel=0.3)
 
 
 def test_late_readings_beside_friction_are_undone_in_the_log(tmp_path: Path) -> None:

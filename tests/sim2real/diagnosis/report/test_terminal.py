@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 
 from sim2real.diagnosis.report.terminal import align, format_verdict
-from sim2real.diagnosis.report.text import SUBTITLES
+from sim2real.diagnosis.report.text import EVERYWHERE, SUBTITLES
+from sim2real.diagnosis.schema import Equivalent
 from tests.sim2real.diagnosis.report.sample import report
 
 ESCAPES = re.compile(r"\x1b\[[0-9;]*m")
@@ -34,6 +35,17 @@ def test_every_cause_has_a_row_and_the_gap_its_numbers() -> None:
     for row in rows:
         assert row[at] != " " and row[at - 2 : at] == "  "
     assert any(line.split()[:2] == ["noise", "floor"] for line in lines)
+
+
+def test_an_equivalent_of_all_joints_is_not_at_the_robot() -> None:
+    """A friction of all joints is so; what the robot has once is the robot's."""
+    shown = report()
+    others = (Equivalent("viscous_friction", None), Equivalent("gravity_tilt", None))
+    first = replace(shown.causes[0], equivalent=others)
+    lines = format_verdict(replace(shown, causes=(first, *shown.causes[1:]))).splitlines()
+    (friction,) = (line for line in lines if "or viscous friction" in line)
+    (tilt,) = (line for line in lines if "or gravity tilt" in line)
+    assert EVERYWHERE in friction and "the robot" in tilt
 
 
 def test_colours_change_nothing_but_colours() -> None:
