@@ -48,7 +48,7 @@ from sim2real.diagnosis.inference.columns import (
     unwrap_turns,
 )
 from sim2real.diagnosis.inference.log_change import LogChange, Mend
-from sim2real.diagnosis.preflight.servo_signals import speed_laws
+from sim2real.diagnosis.preflight.speeds import speed_laws
 
 DEGREES = 180 / math.pi
 LATE = (0.5, 1.0, 2.5)  # rows by which readings may be old that are looked at first
