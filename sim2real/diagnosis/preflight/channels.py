@@ -299,16 +299,22 @@ def _saturated(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray:
 
 
 def _force(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray | None:
-    """Return the force of the model's position servo at a log's errors and speeds, (T,).
+    """Return the least force of the model's position servo that a log's rows tell, (T,).
 
-    Speeds that are not logged count as none. None: it is no position servo, or was not measured.
+    A reading is taken between the command of the row before and that of its own, and at a speed
+    that is logged, or between rest and the change of positions: a stiff servo that follows steps
+    of its command rests between them. None: it is no position servo, or was not measured.
     """
     joint = model.joint(int(model.actuator_trnid[index, 0])).name
     gain, (_, stiff, damping) = model.actuator_gainprm[index, 0], model.actuator_biasprm[index, :3]
     if stiff == 0 or f"qpos.{joint}" not in log.columns:
         return None
-    error = log.column(f"ctrl.{model.actuator(index).name}") - log.column(f"qpos.{joint}")
-    return gain * error + damping * log.columns.get(f"qvel.{joint}", np.zeros(len(log)))
+    position, ctrl = log.column(f"qpos.{joint}"), log.column(f"ctrl.{model.actuator(index).name}")
+    errors = ctrl - position, np.append(ctrl[:1], ctrl[:-1]) - position
+    logged = log.columns.get(f"qvel.{joint}")
+    speeds = (0 * position, np.gradient(position, log.time)) if logged is None else (logged,)
+    forces = np.array([gain * error + damping * speed for error in errors for speed in speeds])
+    return np.maximum(forces.min(axis=0), 0.0) + np.minimum(forces.max(axis=0), 0.0)
 
 
 def _resolution(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
