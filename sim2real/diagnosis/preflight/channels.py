@@ -287,18 +287,22 @@ def _saturated(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray:
 
 
 def _force(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray | None:
-    """Return the force of the model's position servo at a log's errors, (T,).
+    """Return the least force of the model's position servo that a log's rows tell, (T,).
 
-    Speeds are the changes of positions: a speed's own column may have another unit. None: it is no
-    position servo, or was not measured.
+    A reading is taken between the command of the row before and that of its own, and at a speed
+    between rest and the change of positions: a stiff servo that follows steps of its command rests
+    between them. A speed's own column may have another unit. None: it is no position servo, or was
+    not measured.
     """
     joint = model.joint(int(model.actuator_trnid[index, 0])).name
     gain, (_, stiff, damping) = model.actuator_gainprm[index, 0], model.actuator_biasprm[index, :3]
     if stiff == 0 or f"qpos.{joint}" not in log.columns:
         return None
-    position = log.column(f"qpos.{joint}")
-    error = log.column(f"ctrl.{model.actuator(index).name}") - position
-    return gain * error + damping * np.gradient(position, log.time)
+    position, ctrl = log.column(f"qpos.{joint}"), log.column(f"ctrl.{model.actuator(index).name}")
+    errors = ctrl - position, np.append(ctrl[:1], ctrl[:-1]) - position
+    speeds = 0 * position, np.gradient(position, log.time)
+    forces = np.array([gain * error + damping * speed for error in errors for speed in speeds])
+    return np.maximum(forces.min(axis=0), 0.0) + np.minimum(forces.max(axis=0), 0.0)
 
 
 def _resolution(pairs: Pairs, settings: Settings) -> Iterator[Finding]:

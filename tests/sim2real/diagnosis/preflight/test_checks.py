@@ -15,6 +15,7 @@ from sim2real.diagnosis.data.trial import piece, trial
 from sim2real.diagnosis.preflight.channels import check_channels, excitation
 from sim2real.diagnosis.preflight.checks import NOTES, noise_floor, preflight
 from sim2real.diagnosis.preflight.lag import check_lag
+from tests.sim2real.diagnosis.own_log import own_log
 
 COUNT = 2 * np.pi / 4096
 ARM = """
@@ -196,7 +197,15 @@ def test_a_gain_that_is_lower_is_told_by_how_much() -> None:
         for f in found
         if f.check == "saturation"
     ]
-    assert factors and all(0.005 < factor < 0.3 for factor in factors)
+    assert factors and all(1 / 50 < factor < 0.5 for factor in factors)
+
+
+def test_a_stiff_servo_that_follows_is_not_at_its_limit(tmp_path: Path) -> None:
+    """Its own log: a new command is another step away than its limit allows, for a moment."""
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.replace('kp="4" kv="0.1"', 'kp="400" kv="1"'))
+    found = preflight([own_log(path, 0.8)], [mujoco.MjSpec.from_file(str(path))])
+    assert "saturation" not in {f.check for f in found}
 
 
 def test_what_damping_takes_of_a_large_error_is_not_at_the_limit() -> None:
