@@ -17,6 +17,7 @@ from scipy.stats import norm
 from sim2real.diagnosis.inference.candidates import FREE
 from sim2real.diagnosis.inference.fit import Fit, Fitter
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member, get_size
+from sim2real.diagnosis.inference.moves import are_compatible
 from sim2real.diagnosis.inference.replayer import Job
 from sim2real.diagnosis.inference.score import FOLDS
 
@@ -44,7 +45,7 @@ def compute_intervals(
     jobs = [(fit.hypothesis, fit.values + step * row) for row in np.eye(count)]
     sizes = list(step)
     prior = list(settings.reach * fit.hypothesis.size)
-    for other in others:
+    for other in (one for one in others if are_compatible(fit.hypothesis, one)):
         for place, size in enumerate(get_size(other)):
             hypothesis = Hypothesis.of([*fit.hypothesis.members, other])
             values = np.empty((FOLDS, len(hypothesis.low)))

@@ -1,5 +1,7 @@
 """Intervals of values: how sure one is of a cause, and of how much it shares with another."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -18,6 +20,7 @@ def test_an_interval_says_what_an_equivalent_may_share(
     """Friction of another law may have made up part of it; that of another joint may not."""
     log = arm.make_log(("coulomb_friction", {"where": "b"}, FRICTION), noise=NOISE, seconds=6.0)
     case = case_of(log, tmp_path_factory)
+    case.fitter.settings = replace(case.fitter.settings, law=0.0)
     own = Hypothesis((case.options["coulomb_friction.b"],))
     (fit,) = case.fitter.fit([Start(own, np.array([[FRICTION]]))], rounds=2)
     widths = []
@@ -29,3 +32,16 @@ def test_an_interval_says_what_an_equivalent_may_share(
     alone, shared, apart = widths
     assert shared > 1.2 * alone
     assert apart == pytest.approx(alone, rel=0.01)
+
+
+def test_what_cannot_join_an_explanation_shares_nothing(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    """Two kinds of a wrong zero of one joint: an equivalent of another cause may be the second."""
+    case = case_of(arm.make_log(noise=NOISE, seconds=4.0), tmp_path_factory)
+    zeros = [c for label, c in case.options.items() if label.startswith("encoder_offset.b")]
+    assert len(zeros) > 1
+    start = Start(Hypothesis((zeros[0],)), np.array([[0.01]]))
+    (fit,) = case.fitter.fit([start], rounds=0)
+    alone, both = (compute_intervals(case.fitter, fit, others)[0] for others in ([], zeros[1:]))
+    np.testing.assert_array_equal(both, alone)
