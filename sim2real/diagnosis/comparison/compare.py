@@ -306,9 +306,9 @@ def _ends(confounded: Found, columns: Sequence[int], little: float) -> np.ndarra
 
 
 def _verdict(
-    changes: Sequence[Change], watched: Sequence[Change], told: int, numbers: Mapping[str, object]
+    changes: Sequence[Change], watched: Sequence[Change], shown: int, numbers: Mapping[str, object]
 ) -> tuple[Verdict, str]:
-    """Return the verdict and why; `told` of the watched changes the logs can show."""
+    """Return the verdict and why; `shown` of the watched changes the logs can show."""
     if changes:
         names = ", ".join(f"{c.effect} at {format_place(c.effect, c.where)}" for c in changes)
         return "changed", f"changed: {names}"
@@ -319,13 +319,13 @@ def _verdict(
             f"nothing was seen to change, but the intervals of {names} reach beyond their limits: "
             "record longer, or motions that move more"
         )
-    if not told:
+    if not shown:
         return "cannot_tell", (
             "these logs can show no change of what is watched, however large: record motions that "
             "move more"
         )
     text = f"{numbers['pieces']} pieces, and nothing that chance does not make"
-    hidden = len(watched) - told
+    hidden = len(watched) - shown
     return "unchanged", text + (
         f"; {hidden} of {len(watched)} changes cannot be seen in these logs" if hidden else ""
     )

@@ -56,7 +56,6 @@ ROWS = (-2.0, -1.0, 1.0, 2.0)  # rows of a shift that are looked at first
 MOST = 6.0  # rows of a shift at most
 SCALES = (0.5, 2.0)
 RATES = (0.85, 1.2)
-RIGHT = 0.05  # share by which measured speeds differ from those of a right clock; seen: up to 0.024
 SHIFTS = (-0.1, 0.1)  # rad or m
 COUNTS = (1024, 4096)  # of a turn, of the encoders of hobby and smart servos
 FARTHEST, LARGEST = 7.0, 20.0  # bounds: of an offset [rad or m], of a factor
@@ -138,8 +137,9 @@ def _is_clock_right(data: Data) -> bool:
 
     Without them a robot that moves faster or slower than its model may have another clock.
     """
-    laws = speed_laws([(log, data.models[0]) for log in data.logs])
-    return any(abs(law.scale - 1) < RIGHT for law in laws.values())
+    limits = data.settings.speeds
+    laws = speed_laws([(log, data.models[0]) for log in data.logs], limits)
+    return any(abs(law.scale - 1) < limits.clock for law in laws.values())
 
 
 def _clock() -> LogChange:
