@@ -14,11 +14,9 @@ from dataclasses import replace
 from functools import lru_cache
 
 import pytest
-from hydra._internal import defaults_list
 from hydra._internal.config_repository import ConfigRepository
-from hydra.core.default_element import InputDefault
 from hydra.plugins.config_source import ConfigResult
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from sim2real.config import compose, extensions, signatures
 from sim2real.config.catalogue import CONF
@@ -45,18 +43,6 @@ def _load_once(self: ConfigRepository, config_path: str) -> ConfigResult | None:
     return replace(found, config=deepcopy(found.config))
 
 
-interpolation_map = defaults_list._create_interpolation_map
-
-
-def _choices_if_asked(
-    overrides: defaults_list.Overrides, defaults: list[InputDefault], own: bool
-) -> DictConfig:
-    """Tell Hydra what its defaults may interpolate; for those that do not, a third of the time."""
-    if any(default.is_interpolation() for default in defaults):
-        return interpolation_map(overrides, defaults, own)
-    return OmegaConf.create()
-
-
 @lru_cache(maxsize=32)
 def _composed_once(*overrides: str) -> DictConfig:
     """Compose a command line, which nothing changes once it is composed."""
@@ -68,7 +54,6 @@ def _composed(overrides: list[str]) -> DictConfig:
 
 
 ConfigRepository.load_config = _load_once
-defaults_list._create_interpolation_map = _choices_if_asked
 compose.hydra_compose = _composed
 
 

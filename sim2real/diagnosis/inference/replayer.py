@@ -139,7 +139,7 @@ class Replayer:
         return max(int(BATCH / size), 1)
 
     def anchor(self, hypothesis: Hypothesis, values: np.ndarray, errors: np.ndarray) -> None:
-        """Correct all errors by what those of a hypothesis, (W, N, M), lack here."""
+        """Correct all errors by what those of a hypothesis under values (W, P) lack, (W, N, M)."""
         (made,) = self._replay([Job(hypothesis, values, self.every)])
         self.offset = self.offset + errors - made.error
 

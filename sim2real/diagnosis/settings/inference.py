@@ -53,7 +53,12 @@ class Inference:
     damping: float = setting(
         1e-4, "1", "first damping of a Gauss-Newton step, relative to the curvature", COST
     )
-    damping_ratio: float = setting(1000.0, "1", "ratio of the two dampings tried in parallel", COST)
+    damping_ratio: float = setting(
+        1e4,
+        "1",
+        "ratio of the two dampings that are tried side by side",
+        "derived: a whole step, and half of one where it goes too far",
+    )
     rounds: int = setting(8, "1", "maximum number of Gauss-Newton steps", COST)
     settled: float = setting(0.5, "1", "gain of a step [nats] below which a fit has ended", COST)
     reach: float = setting(
