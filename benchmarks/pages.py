@@ -64,7 +64,7 @@ def configuration() -> str:
     keys = [(f"`{m[1]}`", f"`{m[2]}`", m[3]) for m in found if m[1] != "hydra"]
     parts = [
         "# Configuration",
-        "Generated from `conf/`. `sim2real +experiment=NAME --cfg job` shows a whole one.",
+        "Generated from `conf/`. `sim2real +experiment=NAME --cfg job` prints all keys of a run.",
         "## Keys",
         markdown(("key", "default", "meaning"), keys),
     ]

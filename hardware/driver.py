@@ -165,10 +165,10 @@ class Driver(Torque):
         which has its own clock.
 
         Args:
-            limits: those of a link that may drive the robot.
+            limits: thresholds for a link that may drive the robot.
 
         Returns:
-            Whether it may; None for the emulated bus. Torque does not change.
+            The score, whose `go` is true if the link is good enough; None for the emulated bus.
         """
         if self.robot.port is None or (self.score is not None and self.score.go):
             return self.score
@@ -190,7 +190,7 @@ class Driver(Torque):
         """Switch torque off, then write the robot's registers and verify each.
 
         Raises:
-            ServoError: a register does not take its value.
+            ServoError: a register does not keep its value.
         """
         self.torque_off()
         with self.bus_client.more_patient():
@@ -343,7 +343,7 @@ class Driver(Torque):
         """Take over what the servos are set to, and the robot's file leaves open: nothing here."""
 
     def set_watchdogs(self, steps: int) -> None:
-        """Make servos stop by themselves after so many silent steps of 20 ms; 0: never."""
+        """Set the watchdogs: steps of 20 ms without a packet until servos stop; 0: never."""
         for servo in self.robot.servos:
             self.write_register(servo, "bus_watchdog", steps)
 

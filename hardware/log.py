@@ -10,13 +10,13 @@ Columns (SI units):
 * `episode` (a number), `time` [s from the episode's start: when the row's command is written],
   `ctrl.<actuator>` (the command sent, after every limit, held until the next row) and
   `qpos.<joint>` (measured just before the command; a free joint has `.0` to `.6`) are required; an
-  episode's rows are together and its time increases.
+  episode's rows are contiguous and its time increases.
 * `qvel.<joint>`, `torque.<actuator>` (0: the servo was switched off), `stamp.<joint>` [s: when that
   joint was read], `current.<actuator>` [A], `voltage.<actuator>` [V],
   `temperature.<actuator>` [°C], `sensor.<name>`, `action.<name>`, `obs.<i>`, `reward` and
-  `flag.<name>` are optional; so are, of a joint under impedance control, `kp.<actuator>`
+  `flag.<name>` are optional; so are, for a joint under impedance control, `kp.<actuator>`
   [N·m/rad], `kd.<actuator>` [N·m·s/rad], `qvel_des.<actuator>` [rad/s] and `torque_ff.<actuator>`
-  [N·m], and of an IMU at a site of the model `gyro.<site>.x` to `.z` [rad/s],
+  [N·m], and for an IMU at a site of the model `gyro.<site>.x` to `.z` [rad/s],
   `accelerometer.<site>.x` to `.z` [m/s²] and `quat.<site>.w` to `.z`. Other columns are
   ignored with a warning.
 

@@ -86,8 +86,8 @@ class Guard:
         """Switch torque on without moving, and return the reading.
 
         Raises:
-            SafetyError: a servo is outside its limits, too hot, at another voltage than in the
-                robot's file, or reports an error.
+            SafetyError: a servo is outside its limits, too hot, not at the voltage in the robot's
+                file, or reports an error.
             ServoError: the link score is below 0 (see `hardware/rehearsal.py`), or a servo does not
                 follow its command.
             HardwareError: after any error torque is off, or the message names the servos where it

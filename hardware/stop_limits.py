@@ -34,7 +34,7 @@ class StopLimits:
             without an answer is repeated once immediately, so `misses` = 5 in a row have a
             probability of 0.05^10 = 1e-13.
         stale: arm only if at most this fraction of a servo's answers belongs to an earlier
-            request. So many held readings shift a joint's motion by 0.05 steps on average.
+            request. At 5 %, held readings shift a joint's motion by 0.05 steps on average.
     """
 
     misses: int = 5

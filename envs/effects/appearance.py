@@ -93,7 +93,7 @@ class _Dimmer(BoundEffect):
 
 
 class LightLevel(Appearance):
-    """Brightness of all lights of the model, as a factor; the camera's headlight stays."""
+    """Brightness of all lights of the model, as a factor, except the headlight."""
 
     name = "light_level"
     engines = BOTH

@@ -171,7 +171,7 @@ class Effect:
         return ".".join([self.name, *([self.where] if self.where else []), *scalar])
 
     def parameter(self, *scalar: str, **changes: Any) -> Parameter:
-        """Return a Parameter with this effect's name, location, `how` and unit, and changes."""
+        """Return a Parameter with this effect's name, location, `how` and unit, unless changed."""
         own: dict[str, Any] = {
             "side": self.side,
             "unit": self.unit,
@@ -195,7 +195,7 @@ class Effect:
         )
 
     def scalar(self, name: str, values: np.ndarray) -> np.ndarray:
-        """Return an extra's values, (n,), from values (n, k) of a write or its constant."""
+        """Return an extra's values, (n,): from the values written, (n, k), or its constant."""
         free = [e.name for e in self.extras if e.name in self.free]
         if name in free:
             return values[:, values.shape[1] - len(free) + free.index(name)]

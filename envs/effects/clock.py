@@ -21,7 +21,7 @@ class _Rate(BoundEffect):
 class ClockDrift(Effect):
     """Fraction by which the log's clock runs fast: log time = true time * (1 + value).
 
-    It scales the time step, so all stepped effects follow the log's clock.
+    It scales the time step, so effects with a state, such as lags, follow the log's clock.
     """
 
     name = "clock_drift"

@@ -287,7 +287,7 @@ class ProfileVelocity(_ProfileEffect):
     limit = "velocity"
     typical = (1.0, 20.0)
     sizes = Sizes("limit", "fastest", 1.0, 100.0)
-    symptom = "large steps become ramps of one slope, small ones do not change"
+    symptom = "large steps become ramps of one slope; small steps do not change"
     source = "|dgoal/dt| <= v; Dynamixel Profile Velocity (112), Feetech goal speed"
     experiment = "steps of two sizes: the slope does not depend on the size"
 
@@ -313,7 +313,7 @@ class ProfileAcceleration(_ProfileEffect):
     )
     experiment = (
         "the same chirp at two amplitudes: a limit acts at a fixed amplitude x"
-        " frequency², a delay does not"
+        " frequency², a delay at any amplitude"
     )
 
     def probes(self, scale: RobotScale) -> np.ndarray:

@@ -127,7 +127,7 @@ class TorqueSpeedKnee(ActuatorEffect):
     typical = (1.0, 20.0)
     display_name = "torque-speed knee"
     no_mjcf = "MJCF has no force range that depends on the speed"
-    symptom = "fast motions under load fall behind, slow ones with the same torque do not"
+    symptom = "fast motions under load fall behind; slow motions with the same torque do not"
     source = "|tau| <= tau_max min(1, (w0 - |w|) / (w0 - wk)): a motor's back-EMF at full voltage"
     experiment = "the largest steps, up and down, at two supply voltages: the slope is limited"
     group = RULES

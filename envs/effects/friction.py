@@ -90,7 +90,8 @@ class _Coulomb(BoundEffect):
 class CoulombFriction(FieldEffect):
     """Dry friction: a torque that opposes motion at any speed; below it the joint sticks.
 
-    Friction that the model already has creeps by default; with this effect it sticks as well.
+    With MuJoCo's default constraints, dry friction of the model lets a loaded joint creep; with
+    this effect, it sticks as well.
     """
 
     name = "coulomb_friction"

@@ -28,7 +28,7 @@ class HystereticCompliance(SeriesEffect):
     """A spring between motor and link with dry friction parallel to it.
 
     Loading and unloading differ: a cycle costs 4 `friction` times its amplitude at any speed.
-    `side` is where the servo's encoder sits, `encoder` where the log's does, if elsewhere.
+    `side` is the location of the servo's encoder, `encoder` that of the log's if it differs.
     """
 
     name = "hysteretic_compliance"

@@ -200,7 +200,7 @@ class ImuDelay(_ImuEffect):
     typical = (0.0, 0.04)
     comparable = True
     symptom = "the base seems to turn after its legs have moved it"
-    source = "y(t) = q(t - d): filters of the part, its rate, and the serial line"
+    source = "y(t) = q(t - d): filters and rate of the IMU, and the serial line"
     experiment = "rock the standing robot with its legs at two frequencies"
     first_values = (0.005, 0.015, 0.04)
     components = ()
@@ -237,7 +237,7 @@ class GyroScale(_ImuEffect):
     typical = (0.8, 1.2)
     comparable = True
     symptom = "the gyro reports faster or slower rotations than the orientation"
-    source = "s w; a wrong range setting is a factor of 2 or 4, deg/s for rad/s 57"
+    source = "s w; a wrong range is a factor of 2 or 4, deg/s instead of rad/s a factor of 57"
     experiment = "turn the robot by hand through a known angle"
     limits, components = (1e-3, np.inf), ()
     law = _Scale

@@ -130,9 +130,9 @@ class ObservationDelay(Effect):
     comparable = True
     sizes = Sizes("add", "one", 1e-3, 0.1)
     symptom = "the log lags the commands, but the robot is not slower"
-    source = "y(t) = q(t - d): return delay, bus turn-round and the USB timer"
+    source = "y(t) = q(t - d): return delay, bus turnaround and the USB timer"
     experiment = (
-        "steps from rest next to a second, fast sensor; otherwise the same as command_delay"
+        "steps from rest, with a second, fast sensor; otherwise the same as command_delay"
         " in an open-loop log"
     )
     first_values = (0.003, 0.01, 0.03, 0.07)

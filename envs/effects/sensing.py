@@ -247,7 +247,7 @@ class VelocityFilter(_SensorEffect):
     engines = BOTH
     unit = "s"
     typical = (0.0, 0.05)
-    symptom = "the reported speed lags and smooths the slope of the positions"
+    symptom = "the reported speed lags behind the slope of the positions and is smoother"
     source = "tau dy/dt = w - y; STS registers lag by about 20 ms"
     experiment = "compare the speed with the slope of the positions; no model is needed"
     law = _Filter

@@ -121,8 +121,8 @@ class PositionGain(_Gain):
         "a static sag under load, and steps that are faster or slower, in proportion to the error"
     )
     source = (
-        "tau = kp (goal - q); the firmware's gain unit is often not the manual's (XL330:"
-        " 256 for 128)"
+        "tau = kp (goal - q); the unit of the gain register may differ from the manual's (by a"
+        " factor of 2 in the XL330)"
     )
     experiment = "steps and loaded holds at two gains; the PWM against the position error"
 
@@ -176,7 +176,7 @@ class TorqueLimit(FieldEffect, ActuatorEffect):
     typical = (0.1, 5.0)
     comparable = True
     sizes = Sizes("limit", "stall", 1.05, 20.0)
-    symptom = "fast motions and heavy loads fall behind, slow and light ones do not"
+    symptom = "fast motions and heavy loads fall behind; slow motions and light loads do not"
     source = (
         "MuJoCo XML reference, actuator/forcerange; the servo's current limit times its"
         " torque constant"

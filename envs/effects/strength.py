@@ -50,9 +50,9 @@ class LawScale(BoundEffect):
 
 
 class MotorStrength(ActuatorEffect):
-    """A factor on the motor's torque, its limit and its back-EMF; the no-load speed stays.
+    """A factor on the motor's torque, its limit and its back-EMF; the no-load speed is unchanged.
 
-    With `braking: kept` the back-EMF stays, as with a voltage drop in one servo's cable.
+    With `braking: kept` the back-EMF is unchanged, as with a voltage drop in one servo's cable.
 
     Args:
         braking: of the back-EMF: `scaled` or `kept`.
@@ -71,7 +71,7 @@ class MotorStrength(ActuatorEffect):
     sizes = Sizes("factor", "one", 0.02, 0.8)
     symptom = "everything is weaker or stronger: static sag, acceleration and the largest torque"
     source = "kt -> (1 + e) kt; identified motor constants differ by 12 to 42 % from data sheets"
-    experiment = "the largest torque against a stop or a weight, next to steps without load"
+    experiment = "the largest torque against a stop or a weight, compared with steps without load"
     group = PLAIN
     can = staticmethod(is_linear)
 

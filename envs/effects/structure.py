@@ -287,7 +287,7 @@ class _Play(Series):
 class Backlash(SeriesEffect):
     """Play: the link moves freely within ± value / 2 of the motor's angle.
 
-    `side` is where the servo's encoder sits, `encoder` where the log's does, if elsewhere.
+    `side` is the location of the servo's encoder, `encoder` that of the log's if it differs.
     """
 
     name = "backlash"
@@ -299,8 +299,8 @@ class Backlash(SeriesEffect):
     comparable = True
     sizes = Sizes("add", "one", 3e-3, 0.25)
     symptom = (
-        "the link stays behind by a fixed angle after each reversal; the link rattles where"
-        " no load holds it"
+        "the link lags by a fixed angle after each reversal; the link rattles where no load"
+        " holds it"
     )
     source = (
         "a hinge with limits in series; Dynamixel X: 15 arcmin (e-manual), SO-101 models: 1 degree"
@@ -347,8 +347,8 @@ class Spring(Series):
 class JointCompliance(SeriesEffect):
     """A spring between motor and link: deflection = torque * value.
 
-    `side` is where the servo's encoder sits, `encoder` where the log's does, if elsewhere. Springs
-    that are too stiff for the time step act as the stiffest possible one.
+    `side` is the location of the servo's encoder, `encoder` that of the log's if it differs.
+    Springs that are too stiff for the time step act as the stiffest possible one.
     """
 
     name = "joint_compliance"

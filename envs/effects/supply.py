@@ -48,7 +48,7 @@ class SupplyVoltage(Effect):
     comparable = True
     factors = (0.5, 0.75, 0.94, 0.98, 1.02, 1.06, 1.3, 1.8)  # a few per cent shift a whole motion
     sizes = Sizes("factor", "one", 0.02, 0.6)
-    symptom = "the top speed and the largest torque change together; slow, light motions hardly do"
+    symptom = "top speed and largest torque change together; slow, light motions hardly change"
     source = "|tau| <= (kt/R)(V duty_max - kt w)"
     experiment = "full-speed moves at two supply voltages; log the voltage"
     group = PLAIN
@@ -260,7 +260,7 @@ class ThermalDerating(ActuatorEffect):
     """Motor torque that falls as the motor heats: all of it is scaled by 1 - value E.
 
     dE/dt = torque² - decay E, with E = 0 at reset. The factor applies to the control torque, its
-    limit and the back-EMF; with `braking` 1 the back-EMF stays, as under current control.
+    limit and the back-EMF; with `braking` 1 the back-EMF is unchanged, as under current control.
     """
 
     name = "thermal_derating"

@@ -30,8 +30,9 @@ plant = Plant(spec, fixed=load_effects("effects.yaml"))             # as a diagn
 * **where** is the name of a joint, actuator, body or geom, or for some effects a pattern such as
   `hip_*`. Without it, one value holds for all driven joints or actuators.
 * **how** is `add`, `scale` or `set`; the first one listed is the default.
-* **Neutral** values (0 added, factor 1, the model's own) do not change a single bit of a
-  simulation; `backlash` and `joint_compliance`, which add a joint, change it by rounding errors.
+* **Neutral** values (adding 0, scaling by 1, setting the model's value) do not change a single bit
+  of a simulation; `backlash` and `joint_compliance`, which add a joint, change it by rounding
+  errors.
 * **Extras** are constants, or parameters if listed in `free`.
 * **Several effects** at one location apply in the order given, fixed ones first.
 

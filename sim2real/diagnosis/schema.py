@@ -242,9 +242,9 @@ class Report:
     Args:
         verdict: `no_gap`, `explained`, `partly_explained`, `fitted` or `unexplained`.
         gap: size of the gap, before and after.
-        where: joints, the largest fraction first.
+        where: joints, sorted by their fraction of the gap.
         causes: causes, sorted by the fraction that each closes.
-        unexplained: what is left.
+        unexplained: the remaining gap.
         preflight: findings of the preflight.
         numerics: numerical tests of the simulator: "ok", or the result.
         next_experiment: recording that separates equivalent causes.
@@ -253,7 +253,7 @@ class Report:
         calibrated: exam that `confidence` was calibrated on; None: none.
         seconds: duration of the diagnosis.
         replay: `sim2real replay` of the same logs; None in older reports.
-        closed_loop: the policy in both simulators; None if no policy wrote the logs.
+        closed_loop: the policy in both simulators; None if the logs name no policy.
         evidence: data of the plots; not in `report.json`.
     """
 
@@ -293,7 +293,7 @@ class Report:
         """Return the report from the result of `to_json`.
 
         Raises:
-            Sim2RealError: the schema is another, or a key is missing or unknown.
+            Sim2RealError: the schema is not supported, or a key is missing or unknown.
         """
         if tree.get("schema") not in READ:
             known, found = f"{', '.join(map(str, READ[:-1]))} or {SCHEMA}", tree.get("schema")

@@ -88,11 +88,11 @@ class Compared:
     doubt: float = setting(
         0.5,
         "1",
-        "minimum response of a change, over what is attributed linearly to other differences",
+        "minimum response of a change, relative to that attributed linearly to other differences",
         "measured: of 12 pairs with 15 % more friction at one joint the smallest had 1.1",
     )
     excused_rounds: int = setting(
-        2, "1", "times that what is attributed to other differences is simulated", COST
+        2, "1", "number of simulations of the changes attributed to other differences", COST
     )
     shared_max: int = setting(2, "1", "effects fitted to both sides, in addition to friction", COST)
     shared_worth: float = setting(

@@ -53,7 +53,7 @@ class Windows:
     longest_s: float = setting(3.0, "s", "longest window of an ordinary log", DEVELOPED)
     shortest_s: float = setting(0.8, "s", "shortest window with servos on", DEVELOPED)
     windows_usual: int = setting(12, "1", "number of windows of a short log", DEVELOPED)
-    windows_max: int = setting(40, "1", "number of windows above which they become longer", COST)
+    windows_max: int = setting(40, "1", "number of windows above which they are longer", COST)
     state_s: float = setting(
         0.25,
         "s",
@@ -108,7 +108,7 @@ class Simulation:
     )
     heat_s: float = setting(0.05, "s", "time step of the heating before a window", COST)
     heat_passes: int = setting(
-        2, "1", "times that the loads of the other motors are simulated again", DEVELOPED
+        2, "1", "number of repeated simulations of the other motors' loads", DEVELOPED
     )
     gives_way: float = setting(0.3, "1", "loss of strength above which this is done", DEVELOPED)
 

@@ -21,7 +21,9 @@ class Experiment:
         "derived: 12 bits a turn",
     )
     apart_min: float = setting(3.0, "1", "noise floors that separate explanations", JUDGED)
-    apart_sure: float = setting(6.0, "1", "noise floors that need no longer motion", JUDGED)
+    apart_sure: float = setting(
+        6.0, "1", "noise floors at which longer motions are not needed", JUDGED
+    )
     past_s: float = setting(5.0, "s", "length of a recording that refits must reproduce", JUDGED)
     past_most: int = setting(4, "1", "maximum number of such pieces", JUDGED)
     fall_s: float = setting(2.0, "s", "time without torque in which a robot may fall", JUDGED)
@@ -29,7 +31,7 @@ class Experiment:
     robot: str = setting(
         "bench1",
         "",
-        "whose servo, bus, rate and supply a robot has of which only the model is known",
+        "robot whose servo, bus, rate and supply are assumed if only a model is given",
         "convention: a desk-top servo",
     )
     edge: float = setting(0.05, "1", "part of the range too close to a limit for a start", JUDGED)

@@ -16,7 +16,7 @@ class Ground:
     leave_m: float = setting(
         5e-4,
         "m",
-        "height of the base above its lowest foot from which it flies",
+        "height above ground contact from which the base is in flight",
         "derived: encoder counts",
     )
     slip_m_s: float = setting(0.2, "m/s", "speed above which a foot in contact slips", GAIT)

@@ -39,7 +39,7 @@ class Inference:
     law: float = setting(
         0.05,
         "1",
-        "standard deviation of the factor by which a value is off since its law is not the robot's",
+        "standard deviation of the factor on a value, because the effect's model is not exact",
         "measured: rms of `error` in `thirdparty_55.csv` is 0.06, with what noise adds",
     )
     factors_max: int = setting(
@@ -146,7 +146,7 @@ class Cogging:
     counts: tuple[float, float] = setting(
         (3.0, 150.0), "1", "fewest and most ripples per turn", JUDGED
     )
-    finest: float = setting(4.0, "1", "counts tried per difference that the range resolves", JUDGED)
+    finest: float = setting(4.0, "1", "counts tried for each one that the range resolves", JUDGED)
     readings: float = setting(1.5, "1", "minimum encoder counts in half a ripple", JUDGED)
     counts_probed: int = setting(3, "1", "counts that are simulated", COST)
     sizes: tuple[float, ...] = setting(

@@ -76,11 +76,11 @@ class Speeds:
     clock: float = setting(
         0.05,
         "1",
-        "largest relative difference of a measured speed and the slope under a right clock",
+        "largest relative difference of a measured speed and the slope if the clock is correct",
         "measured: filtered speed registers of real servos differ by up to 0.024",
     )
     share: float = setting(
-        0.8, "1", "share of the position's variance that a speed must explain", JUDGED
+        0.8, "1", "fraction of the position's variance that a speed must explain", JUDGED
     )
     offset_s: float = setting(
         2e-3,
@@ -89,8 +89,8 @@ class Speeds:
         "measured: below it logs of the emulator's own speed registers scatter",
     )
     sigmas: float = setting(4.0, "1", "standard errors that a delay must exceed", JUDGED)
-    reach_s: float = setting(0.25, "s", "largest delay looked for", JUDGED)
-    rows_min: int = setting(20, "1", "rows of an episode below which no speed law", JUDGED)
+    reach_s: float = setting(0.25, "s", "largest delay tried", JUDGED)
+    rows_min: int = setting(20, "1", "rows that an episode needs for a fit of the speed", JUDGED)
 
 
 @dataclass(frozen=True)
@@ -120,15 +120,18 @@ class Servo:
         "reference: Dynamixel X e-manual, 4096 a turn",
     )
     ratio: tuple[float, float] = setting(
-        (0.9, 1.1), "1", "ratios of real and model gain, of both columns' gains, that agree", JUDGED
+        (0.9, 1.1),
+        "1",
+        "ratios of real to model gain, and of position to command gain, that agree",
+        JUDGED,
     )
     duty_share_max: float = setting(
         1.5, "1", "duties above this are in register units", "derived: a share of full is at most 1"
     )
     saturated: float = setting(
-        0.9, "1", "duties, and torques over the largest, from here on are saturated", JUDGED
+        0.9, "1", "saturation threshold, relative to full duty or the largest torque", JUDGED
     )
-    rows_min: int = setting(50, "1", "rows below which no duty or torque law", JUDGED)
+    rows_min: int = setting(50, "1", "rows needed for a fit of the duty or the torque", JUDGED)
 
 
 @dataclass(frozen=True)

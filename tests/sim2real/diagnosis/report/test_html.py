@@ -58,7 +58,7 @@ def test_it_says_all_of_the_report(report: Report) -> None:
         "49.0 mrad (2.81°)",
         "45.0 to 53.0 mrad",
         "cannot tell it from joint compliance at elbow",
-        "the link stays behind by a fixed angle after each reversal",
+        "the link lags by a fixed angle after each reversal",
         "40 %",  # the elbow's 80 %, half of it at reversals
         "it has a structure: slow, at the shoulder",
         "Solver: halves the gap",
