@@ -105,8 +105,8 @@ def report_json() -> str:
     parts = [
         "# report.json",
         f"Schema {schema.SCHEMA}, generated from `sim2real/diagnosis/schema.py`. Reports of schema"
-        f" {' and '.join(map(str, schema.READ[:-1]))} can be read. Numbers have six digits; those"
-        " that are not finite are `null`. `Report.from_json` reads a report in Python.",
+        f" {' and '.join(map(str, schema.READ[:-1]))} can be read. Numbers have six significant"
+        " digits; those that are not finite are `null`. `Report.from_json` reads a report.",
     ]
     for kind in REPORT:
         lines = [(f"`{name}`", of, about) for name, of, about in _fields(kind)]

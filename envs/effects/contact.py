@@ -107,8 +107,8 @@ class GroundFriction(_ContactEffect, FieldEffect):
     """Sliding friction coefficient between the ground and the robot.
 
     MuJoCo uses the larger coefficient of the two geoms, so `friction_mode: contact` writes both;
-    with `where`, other geoms keep theirs. `seed` writes the robot's geom only: below the floor's
-    coefficient it changes nothing.
+    with `where`, other geoms keep theirs. `friction_mode: seed` writes the robot's geom only, which
+    has no effect below the floor's coefficient.
 
     Args:
         where: the geom of the robot, or a body whose geoms have no names; None for all its feet,
@@ -236,7 +236,7 @@ class _OwnStiffness(BoundEffect):
 
 
 class ContactStiffness(_ContactEffect):
-    """Stiffness of the contacts with the ground, as a factor; the damping ratio stays.
+    """Stiffness of the contacts with the ground, as a factor; the damping ratio is unchanged.
 
     The engine keeps a contact's time constant at two time steps or more, which limits large
     factors.

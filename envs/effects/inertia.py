@@ -37,7 +37,7 @@ class LinkMass(FieldEffect):
     """Mass of a body, at its centre of mass.
 
     Its inertia does not change (`inertia: kept`, a load near the centre) or scales with the mass
-    (`scaled`, another density).
+    (`scaled`, a different density).
 
     Args:
         inertia: `kept` or `scaled`.
@@ -86,7 +86,7 @@ class LinkMass(FieldEffect):
 
 
 class LinkInertia(FieldEffect):
-    """Inertia of a body about its centre of mass, as a factor; its mass stays."""
+    """Inertia of a body about its centre of mass, as a factor; its mass is unchanged."""
 
     name = "link_inertia"
     place = "body"
@@ -97,7 +97,7 @@ class LinkInertia(FieldEffect):
     typical = (0.5, 2.0)
     symptom = "acceleration differs from what mass and lever arm predict; static sag is right"
     source = "MuJoCo XML reference, body/inertial/diaginertia; J = f J_cm + m r²"
-    experiment = "fast swings of the last link about its own joint, next to slow loaded holds"
+    experiment = "fast swings of the last link about its own joint, then slow loaded holds"
 
 
 def far_end(model: mujoco.MjModel, body: int) -> np.ndarray:
@@ -170,7 +170,7 @@ class _Shift(BoundEffect):
 class CenterOfMass(Effect):
     """Shift of a body's centre of mass towards its child joint, or a leaf's farthest geom or site.
 
-    The inertia about the centre of mass stays.
+    The inertia about the centre of mass is unchanged.
     """
 
     name = "center_of_mass"
@@ -184,7 +184,7 @@ class CenterOfMass(Effect):
     no_mjcf = None
     comparable = True
     sizes = Sizes("signed", "length", 0.03, 1.2)
-    symptom = "a pose-dependent sag, as from another mass, but acceleration changes differently"
+    symptom = "a pose-dependent sag, as with a wrong mass, but acceleration changes differently"
     source = "rigid body; CAD models are off by 5 to 20 %"
     experiment = "torque-off swings: the period separates inertia from gravity's lever arm"
     group = PLAIN

@@ -124,7 +124,7 @@ def sizes(
 
 
 class LinkLength(Effect):
-    """Length of a link from its joint to its far end, as a factor; its mass stays.
+    """Length of a link from its joint to its far end, as a factor; its mass is unchanged.
 
     Centre of mass, inertia, shapes and child joints follow as if the link were stretched. Diagnoses
     do not try it.

@@ -111,7 +111,7 @@ class _Bounce(BoundEffect):
 
 
 class Restitution(_SurfaceEffect):
-    """Speed after a bounce on a geom, relative to the speed before; contact stiffness stays.
+    """Speed after a bounce on a geom, relative to the speed before it, at equal stiffness.
 
     The contact's damping is set accordingly, which is accurate if the time step resolves the
     contact.

@@ -79,7 +79,12 @@ class WholeReplay:
 
 @dataclass(frozen=True)
 class Regime:
-    """A kind of motion, such as `reversal` or `hold`, and its fraction of a joint's gap."""
+    """A kind of motion and its fraction of a joint's gap.
+
+    Args:
+        name: such as `reversal` or `hold`.
+        share: its fraction of the joint's gap.
+    """
 
     name: str
     share: float
@@ -87,7 +92,15 @@ class Regime:
 
 @dataclass(frozen=True)
 class JointGap:
-    """A joint's fraction of the gap, its error [rad or m] before and after, and by regime."""
+    """A joint's fraction of the gap, and its errors.
+
+    Args:
+        joint: its name.
+        share: its fraction of the gap.
+        before: its error with the model as given [rad or m].
+        after: its error with the causes in the model; None if there are none.
+        regimes: kinds of motion, the largest fraction first.
+    """
 
     joint: str
     share: float
@@ -158,7 +171,12 @@ class Cause:
 
 @dataclass(frozen=True)
 class Unexplained:
-    """Fraction of the closable gap that is left, and its structure ("none": like noise)."""
+    """The remaining gap.
+
+    Args:
+        share: its fraction of the closable gap.
+        structure: where the remaining error is largest; "none": it looks like noise.
+    """
 
     share: float
     structure: str
@@ -166,7 +184,14 @@ class Unexplained:
 
 @dataclass(frozen=True)
 class Finding:
-    """A finding of the preflight, and its remedy."""
+    """A finding of the preflight, and its remedy.
+
+    Args:
+        check: name of the check.
+        where: joint, actuator or column; None: the whole log.
+        finding: what the check found, as a sentence.
+        fix: how to fix it.
+    """
 
     check: str
     where: str | None
@@ -176,7 +201,12 @@ class Finding:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number and its 90 % interval, by subsampling of episodes."""
+    """A number and its 90 % interval, by subsampling of episodes.
+
+    Args:
+        value: the number.
+        ci: its interval.
+    """
 
     value: float
     ci: Pair
@@ -203,7 +233,13 @@ class Distance:
 
 @dataclass(frozen=True)
 class Returns:
-    """Mean return of an episode, on the robot and in both simulators."""
+    """Mean return of an episode, on the robot and in both simulators.
+
+    Args:
+        robot: on the robot.
+        nominal: in the training simulator.
+        corrected: in that simulator with the effects; None without effects.
+    """
 
     robot: Estimate
     nominal: Estimate

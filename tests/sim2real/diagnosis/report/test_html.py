@@ -208,7 +208,7 @@ def test_a_gap_without_a_cause_has_no_line_after(report: Report) -> None:
     text, _ = read(page.replace("\xa0", " "))
     assert "There is a gap, and no known effect explains it." in text
     assert "No effect that was tried reduces the error" in text
-    assert "100 % of the gap stays, and it has a structure: fast, at the elbow." in text
+    assert "100 % of the gap remains, and it has a structure: fast, at the elbow." in text
     assert "Gap after" not in text and "with the causes" not in text
     assert 'class="corrected"' not in page and '"all":' not in page
 
