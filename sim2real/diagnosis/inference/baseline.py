@@ -96,6 +96,6 @@ def _refuse_lost(data: Data, lost: np.ndarray) -> None:
         path = data.logs[window.log].path or "the log"
         moment = data.logs[window.log].time[window.first] + float(lost[first])
         raise Sim2RealError(
-            f"{path}, episode {window.episode}: the model cannot follow the log, it diverges at "
+            f"{path}, episode {window.episode}: the model cannot follow the log; it diverges at "
             f"about {moment:.2f} s; try a smaller timestep, or check masses, gains and units"
         )

@@ -114,8 +114,8 @@ def check_names(exclude: Sequence[str]) -> None:
         if name not in EFFECTS:
             known = ", ".join(sorted(EFFECTS))
             raise Sim2RealError(
-                f"exclude: there is no effect {name!r}{did_you_mean(name, EFFECTS)};"
-                f" there are: {known}"
+                f"exclude: unknown effect {name!r}{did_you_mean(name, EFFECTS)};"
+                f" choose one of: {known}"
             )
 
 
