@@ -91,8 +91,8 @@ class Distribution:
         for entry in self.entries:
             if entry.effect.free:
                 raise ParameterError(
-                    f"{entry.effect.label()}: free={list(entry.effect.free)} cannot stand in a "
-                    "distribution; give these extras values"
+                    f"{entry.effect.label()}: free={list(entry.effect.free)} are not allowed in a "
+                    f"distribution; give these extras values"
                 )
         if len(set(self.names)) < len(self.names):
             twice = next(name for name in self.names if self.names.count(name) > 1)
@@ -146,7 +146,7 @@ class Distribution:
         counts = [named.count(place) for place in own]
         if sum(counts) != space.size or counts != [len(e.laws) for e in self.entries]:
             raise ParameterError(
-                f"the distribution is of {len(self.names)} parameters ({', '.join(self.names)}), "
+                f"the distribution has {len(self.names)} parameters ({', '.join(self.names)}), "
                 f"the simulation has {space.size} ({', '.join(space.names) or 'none'})"
             )
         for law, parameter in zip(self.laws, space.parameters, strict=True):
@@ -184,7 +184,7 @@ def _check_joint(found: Distribution) -> None:
         "particles" in kinds and len(kinds) > 1
     ):
         raise ParameterError(
-            "law: particles needs a table of them as joint, and then every entry has that law"
+            "law: particles needs a table as joint, and every entry must have that law"
         )
     if found.particles is not None and (
         found.particles.ndim != 2
@@ -193,7 +193,8 @@ def _check_joint(found: Distribution) -> None:
         or not np.isfinite(found.particles).all()
     ):
         raise ParameterError(
-            f"the particles must be finite numbers, a row a draw, {count} columns in the order of "
+            f"the particles must be finite numbers, one row per draw, {count} columns in the "
+            f"order of "
             f"the entries; they have shape {found.particles.shape}"
         )
     if found.joint is None:

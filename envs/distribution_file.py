@@ -102,7 +102,7 @@ def _tree(path: Path) -> dict[str, Any]:
         if key not in ROOT_KEYS:
             hint = did_you_mean(str(key), ROOT_KEYS)
             raise ParameterError(
-                f"{path}: unknown key {short(key)}{hint}; there are: {', '.join(ROOT_KEYS)}"
+                f"{path}: unknown key {short(key)}{hint}; choose one of: {', '.join(ROOT_KEYS)}"
             )
     usual = {"flat": [], "noise": {}, "made_by": {}, "logs": {}}
     return {**usual, **{key: value for key, value in tree.items() if value is not None}}
@@ -122,7 +122,9 @@ def _entry(given: Any) -> Entry:
     for key in given:
         if key not in known:
             hint = did_you_mean(str(key), known)
-            raise ParameterError(f"unknown key {short(key)}{hint}; there are: {', '.join(known)}")
+            raise ParameterError(
+                f"unknown key {short(key)}{hint}; choose one of: {', '.join(known)}"
+            )
     own = {key: value for key, value in given.items() if key in KEYS}
     effect, mean = parse_entry({**own, "value": given.get("mean", given.get("value"))})
     label, count = effect.label(), len(mean)
@@ -131,7 +133,7 @@ def _entry(given: Any) -> Entry:
         if not np.allclose(value, mean, rtol=SAME, atol=0.0):
             raise ParameterError(
                 f"{label}: value={short(given['value'])} is not mean={short(given['mean'])}; "
-                "effects= takes the mean, write the same twice or leave value out"
+                "effects= uses the mean; remove one of the two"
             )
     numbers = {key: _column(given, key, label, count) for key in ("std", "low", "high")}
     try:
@@ -182,7 +184,7 @@ def _particles(path: Path, entries: list[Entry]) -> np.ndarray:
     except OSError as error:
         raise ParameterError(f"cannot read the particles {path}: {error.strerror}") from None
     except ValueError as error:
-        raise ParameterError(f"{path}: {error}; a row is a draw, in numbers") from None
+        raise ParameterError(f"{path}: {error}; each row must be a draw, in numbers") from None
     if not rows or rows[0] != names:
         raise ParameterError(
             f"{path}: its header is {rows[0] if rows else 'missing'}, it must be {','.join(names)}"

@@ -37,7 +37,7 @@ def refuse_unknown(
     """
     if value not in (allowed := list(allowed)):
         hint = did_you_mean(str(value), allowed)
-        raise error(f"{name}={value!r} is unknown{hint}; it can be: {', '.join(allowed)}")
+        raise error(f"{name}={value!r} is unknown{hint}; choose one of: {', '.join(allowed)}")
 
 
 def did_you_mean(name: str, allowed: Iterable[str]) -> str:

@@ -49,7 +49,9 @@ def gymnasium(
     try:
         spec(id)
     except error.Error as reason:
-        raise TaskError(f"env.id={id}: {reason}; env.package names what registers it") from None
+        raise TaskError(
+            f"env.id={id}: {reason}; env.package must name the package that registers it"
+        ) from None
     return TransformedEnv(SerialEnv(num_envs, partial(GymEnv, id, device=device)), DoubleToFloat())
 
 
@@ -66,8 +68,8 @@ def mjlab(num_envs: int, device: torch.device | str, id: str) -> EnvBase:
     """
     if find_spec("mjlab") is None:
         raise TaskError(
-            f"{id} needs mjlab, and mjlab 1.6 needs MuJoCo 3.11 where sim2real needs MuJoCo 4: the "
-            "two do not install into one environment. Train there, with what was found here: "
+            f"{id} needs mjlab, and mjlab 1.6 needs MuJoCo 3.11 where sim2real needs MuJoCo 4: "
+            f"they cannot share an environment. To train there, export the effects: "
             "sim2real export effects=PATH model=PATH.xml to=mjlab"
         )
     env = MJLabEnv(id, num_envs=num_envs, device=device)

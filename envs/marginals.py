@@ -51,7 +51,7 @@ class Marginal:
                 "correct one of them"
             )
         if self.kind == "lognormal" and not self.mean > 0:
-            raise ParameterError(f"mean={self.mean:g} of a lognormal law must be above 0")
+            raise ParameterError(f"mean={self.mean:g} of a lognormal distribution must be above 0")
 
     def values(self, shares: np.ndarray) -> np.ndarray:
         """Return the law's quantiles at some shares in (0, 1), of any shape.
@@ -60,7 +60,7 @@ class Marginal:
             ParameterError: particles have no marginal distribution.
         """
         if self.kind == "particles":
-            raise ParameterError("particles are drawn from their table, they have no quantiles")
+            raise ParameterError("particles are drawn from their table and have no quantiles")
         if self.std == 0.0 or self.low == self.high:
             return np.full(np.shape(shares), self.mean)
         if self.kind == "uniform":

@@ -106,6 +106,5 @@ def share_memory(model: mujoco.MjModel) -> None:
     model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
     if model.opt.enableflags & int(mujoco.mjtEnableBit.mjENBL_IPC):
         raise TaskError(
-            'the model has <flag ipc="enable"/>, whose contacts remember more than the state: '
-            "leave it out"
+            'the model has <flag ipc="enable"/>, whose contacts have a hidden state; remove it'
         )

@@ -58,7 +58,7 @@ def load_spec(path: str | Path) -> mujoco.MjSpec:
     """
     path = Path(path).expanduser()
     if not path.is_file():
-        raise TaskError(f"{path}: there is no such model")
+        raise TaskError(f"{path}: no such model")
     try:
         if path.suffix.lower() == ".urdf":
             return _urdf(path)
@@ -142,9 +142,9 @@ def _urdf(path: Path) -> mujoco.MjSpec:
     try:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
-        raise TaskError(f"{path}: this cannot be read as XML: {error}") from None
+        raise TaskError(f"{path}: cannot be read as XML: {error}") from None
     if root.tag != "robot":
-        raise TaskError(f"{path}: a URDF's root is <robot>, this file's is <{root.tag}>")
+        raise TaskError(f"{path}: expected the root <robot> of a URDF, got <{root.tag}>")
     _check_links(root, path, text)
     for link in root.iter("link"):
         _round_inertia(link, path, text)
@@ -245,9 +245,9 @@ def _add_actuators(spec: mujoco.MjSpec, path: Path) -> None:
     try:
         table: Any = yaml.safe_load(text)
     except yaml.YAMLError as error:
-        raise TaskError(f"{file}: this cannot be read as YAML: {error}") from None
+        raise TaskError(f"{file}: cannot be read as YAML: {error}") from None
     if not isinstance(table, dict) or not table:
-        raise TaskError(f"{file}: a table of actuators is needed, by name")
+        raise TaskError(f"{file}: expected a table of actuators by name")
     joints = {joint.name: joint for joint in spec.joints}
     for name, given in table.items():
         line = _line(text, rf"(?m)^\s*[\"']?{re.escape(str(name))}[\"']?\s*:")
@@ -263,19 +263,21 @@ def _add_servo(
     wrong = [key for key in given if key not in KEYS]
     if wrong:
         hint = did_you_mean(wrong[0], KEYS)
-        raise TaskError(f"{place}: there is no key {wrong[0]!r}{hint}")
+        raise TaskError(f"{place}: unknown key {wrong[0]!r}{hint}")
     joint = str(given.get("joint", name))
     if joint not in joints:
         hint = did_you_mean(joint, joints)
         there = ", ".join(joints)
-        raise TaskError(f"{place}: no joint {joint!r}{hint}; there are: {there}")
+        raise TaskError(f"{place}: no joint {joint!r}{hint}; choose one of: {there}")
     kind = given.get("type", POSITION)
     if kind not in TYPES:
         raise TaskError(f"{place}: type={kind!r}{did_you_mean(str(kind), TYPES)}; {TYPES}")
     if kind == MOTOR and ("kp" in given or "kv" in given):
-        raise TaskError(f"{place}: a motor takes torques and has no gains; leave out kp and kv")
+        raise TaskError(f"{place}: a motor takes torques and has no gains; remove kp and kv")
     if kind == POSITION and "kp" not in given:
-        raise TaskError(f"{place}: `kp` is needed [N·m/rad]; of a torque motor `type: motor`")
+        raise TaskError(
+            f"{place}: `kp` [N·m/rad] is missing; for a torque motor, give `type: motor`"
+        )
     for field in ("armature", "frictionloss", "damping"):
         if field in given:
             value = _number(given[field], place, field)

@@ -74,7 +74,7 @@ class ParamSpace:
         if name not in self.names:
             known = ", ".join(self.names) or "none"
             raise ParameterError(
-                f"no parameter {name!r} here{did_you_mean(name, self.names)}; there are: {known}"
+                f"no parameter {name!r}{did_you_mean(name, self.names)}; choose one of: {known}"
             )
         return self.names.index(name)
 

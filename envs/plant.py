@@ -105,8 +105,8 @@ class Plant:
         refuse_elsewhere(every, physics)
         if not goal and any(isinstance(effect, Goal) for effect in every):
             raise EffectError(
-                "goal is what a task asks for, and there is no task with one here: no robot, "
-                "recording or diagnosis has it; leave it out, or use a task that has a goal, such "
+                "goal belongs to a task, but no task here has one: robots, recordings and "
+                "diagnoses have none; remove it, or use a task that has a goal, such "
                 "as env=halfcheetah_direction"
             )
         self.nominal = spec.copy().compile() if nominal is None else nominal
@@ -393,6 +393,5 @@ def _refuse_doubles(drawn: Sequence[Effect], fixed: Sequence[Effect]) -> None:
         if not effect.composes or effect.how == "set":
             remedy = "draw it with how: add or scale, or" if effect.composes else "either"
             raise EffectError(
-                f"{effect.label()} is fixed and drawn at once;"
-                f" {remedy} take it out of one of the two"
+                f"{effect.label()} is both fixed and drawn; {remedy} remove it from one of the two"
             )

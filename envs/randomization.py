@@ -183,7 +183,7 @@ class Randomization:
             columns.append(len(own))
         if sum(columns) != space.size:
             raise ParameterError(
-                f"the simulation has {space.size} parameters, the draws make {sum(columns)}"
+                f"the simulation has {space.size} parameters, but the draws have {sum(columns)}"
             )
         self._columns = columns
 

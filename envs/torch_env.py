@@ -235,7 +235,7 @@ class RowsEnv(EnvBase):
         """
         there, here = len(state["seeds"]), self.rows.num_rows
         if there != here:
-            raise TaskError(f"the episodes are of {there} rows, this environment has {here}")
+            raise TaskError(f"the episodes have {there} rows, but this environment has {here}")
         if self.tasks is not None:
             self.tasks.check(self.rows.space)
         self.rng.bit_generator.state = state["rng"]

@@ -20,6 +20,4 @@ def find_model(name: Any, place: str) -> Path:
             return path
     known = sorted(file.name for file in ASSETS.glob("*.xml"))
     hint = did_you_mean(str(name), known)
-    raise RobotError(
-        f"{place}: there is no file {str(name)!r}{hint}; {ASSETS} has {format_names(known)}"
-    )
+    raise RobotError(f"{place}: no file {str(name)!r}{hint}; {ASSETS} has {format_names(known)}")

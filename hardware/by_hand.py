@@ -52,7 +52,7 @@ class HandMeasurement:
             self._ask(prompt, self._driver.read)
         except EOFError:
             raise UsageError(
-                "this needs a person at a terminal, and there is none; nothing was written"
+                "this needs a person at a terminal, but there is none; nothing was written"
             ) from None
         except KeyboardInterrupt:
             raise UsageError("interrupted; nothing was written") from None

@@ -100,8 +100,8 @@ def apply_calibration(robot: Robot, calibration: Calibration) -> Robot:
         joint = joints[servo.name]
         if joint.id != servo.id or joint.model not in (None, servo.model):
             raise RobotError(
-                f"the calibration of {servo.name!r} is of servo {joint.id} ({joint.model}), "
-                f"the robot has servo {servo.id} ({servo.model})"
+                f"the calibration of {servo.name!r} is for servo {joint.id} ({joint.model}), but "
+                f"the robot has servo {servo.id} ({servo.model}); calibrate again"
             )
         middle = (joint.range_min + joint.range_max) / 2
         maker = servo.type.maker
@@ -115,7 +115,7 @@ def apply_calibration(robot: Robot, calibration: Calibration) -> Robot:
         if low >= high:
             raise RobotError(
                 f"{servo.name!r}: its calibrated range [{ends[0]:.3f}, {ends[1]:.3f}] rad and the "
-                f"robot's {list(servo.position)} have nothing in common"
+                f"robot's {list(servo.position)} do not overlap"
             )
         servos.append(replace(turned, position=(low, high)))
     return replace(robot, servos=tuple(servos))
@@ -182,12 +182,12 @@ def _joint(entry: Any, place: str) -> Joint:
         if not isinstance(value, int) or isinstance(value, bool):
             raise RobotError(f"{place}: {name} is {value!r}, not a whole number")
     if entry["drive_mode"] not in (0, 1):
-        raise RobotError(f"{place}: drive_mode is {entry['drive_mode']}; it can be 0 or 1")
+        raise RobotError(f"{place}: drive_mode is {entry['drive_mode']}; expected 0 or 1")
     if entry["range_min"] >= entry["range_max"]:
         raise RobotError(f"{place}: range_min {entry['range_min']} is not below range_max")
     sign, zero, model = entry.get("sign", 1), entry.get("zero"), entry.get("model")
     if sign not in (1, -1):
-        raise RobotError(f"{place}: sign is {sign!r}; it can be 1 or -1")
+        raise RobotError(f"{place}: sign is {sign!r}; expected 1 or -1")
     if zero is not None and (
         not isinstance(zero, int | float) or isinstance(zero, bool) or not math.isfinite(zero)
     ):

@@ -28,14 +28,14 @@ def parse_keys(verb: str, words: Sequence[str], allowed: Mapping[str, Sequence[s
     """
     if verb not in allowed:
         hint = did_you_mean(verb, allowed)
-        raise UsageError(f"unknown command {verb!r}{hint}; there are {format_names(allowed)}")
+        raise UsageError(f"unknown command {verb!r}{hint}; available: {format_names(allowed)}")
     keys: Keys = {}
     for word in words:
         key, equals, value = word.partition("=")
         if not equals or key not in allowed[verb]:
             hint = did_you_mean(key, allowed[verb])
             raise UsageError(
-                f"{verb} takes no {word!r}{hint}; it takes {format_names(allowed[verb])}"
+                f"{verb} does not accept {word!r}{hint}; it accepts {format_names(allowed[verb])}"
             )
         keys[key] = value
     return keys
@@ -61,5 +61,5 @@ def yes_or_no(keys: Keys, key: str, default: bool) -> bool:
     answers = {"true": True, "false": False}
     word = keys.get(key, str(default).lower())
     if word not in answers:
-        raise UsageError(f"{key}={word}: it can be true or false")
+        raise UsageError(f"{key}={word}: expected true or false")
     return answers[word]

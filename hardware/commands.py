@@ -157,7 +157,7 @@ def setup(robot: Robot, keys: Keys, ask: Ask) -> None:
         port, model, file = (required(keys, key, why) for key in ("port", "model", "file"))
         return make_robot_file(port, Path(model), Path(file), ask, tell)
     if "file" in keys:
-        raise UsageError("setup makes file= only without robot=")
+        raise UsageError("setup writes file= only without robot=")
     driver = make_driver(robot)
     try:
         for part in driver.parts:

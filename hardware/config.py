@@ -105,7 +105,7 @@ def _with_first_bus(data: Mapping[str, Any], place: str) -> dict[str, Any]:
         for name, entry in table.items()
     )
     if not buses:
-        raise RobotError(f"{place}: buses: there is at least one")
+        raise RobotError(f"{place}: buses: expected at least one")
     check_ports(buses, f"{place}: buses")
     return {**data, "buses": buses, "bus": buses[0], "port": buses[0].port}
 

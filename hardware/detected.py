@@ -64,12 +64,12 @@ def robot_of(found: Sequence[DetectedServo], port: str | None) -> Robot:
         raise ServoError(f"{port}: no servo answers at any speed; check supply, cable and adapter")
     if len({(servo.baud, servo.maker) for servo in found}) > 1:
         raise ServoError(
-            f"{port}: the servos differ in speed or maker; robot= has to say which are meant: "
-            f"{format_names(map(str, found))}"
+            f"{port}: the servos differ in speed or manufacturer: "
+            f"{format_names(map(str, found))}; give robot="
         )
     for servo in found:
         if servo.model not in servo_types():
-            raise ServoError(f"{port}: servo {servo.id} is {servo.model}, which is not known")
+            raise ServoError(f"{port}: servo {servo.id} is {servo.model}, which is not supported")
     servos = tuple(detected_servo(f"servo{each.id}", each) for each in found)
     latency = None if port is None else latency_timer(port)
     return Robot(

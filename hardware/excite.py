@@ -88,7 +88,7 @@ def excite(
         if kind not in get_args(Kind):
             hint = did_you_mean(kind, get_args(Kind))
             raise RobotError(
-                f"unknown motion {kind!r}{hint}; there are {format_names(get_args(Kind))}"
+                f"unknown motion {kind!r}{hint}; available: {format_names(get_args(Kind))}"
             )
     if not 0 < seconds <= LONGEST:
         raise RobotError(f"seconds={seconds:g}: a motion lasts up to {LONGEST:g} s (a day)")

@@ -86,7 +86,7 @@ class ExportedPolicy:
             with np.load(folder / "policy.npz", allow_pickle=False) as file:
                 arrays = {name: file[name] for name in file.files}
         except (OSError, ValueError, EOFError) as error:
-            raise PolicyError(f"{folder}: no whole exported policy ({error})") from None
+            raise PolicyError(f"{folder}: the exported policy is incomplete ({error})") from None
         if digest != facts.get("sha256", {}).get("policy.npz"):
             raise PolicyError(f"{folder}: policy.npz is not the one that policy.json describes")
         policy = cls(facts, arrays)

@@ -47,7 +47,7 @@ def find_port(
         left = {port.device for port in look()}
         there = [port for port in before if port.device not in left]
         if len(there) != 1:
-            raise SerialPortError(f"{len(there)} ports went with the cable; try it once more")
+            raise SerialPortError(f"{len(there)} ports disappeared with the cable; try again")
         tell("plug it in again")
     tell(f"the robot is at {there[0].device}: give port={there[0].device}")
     return there[0].device

@@ -92,7 +92,7 @@ class Log:
 
     @property
     def fresh(self) -> np.ndarray:
-        """Whether all joints were read in a row, (T,) bool: `flag.fresh`, by default true."""
+        """Whether all joints were read, for each row, (T,) bool: `flag.fresh`, by default true."""
         return self.columns.get(FRESH, np.ones(len(self))) > 0
 
     @property
@@ -156,7 +156,7 @@ def read_log(path: str | Path) -> Log:
     path = Path(path).expanduser()
     if not path.exists():
         near = [p.name for p in path.parent.glob("*.*")] if path.parent.is_dir() else []
-        raise LogError(f"{path}: there is no such log{did_you_mean(path.name, near)}")
+        raise LogError(f"{path}: no such log{did_you_mean(path.name, near)}")
     format = find(path)
     if format is None:
         raise refuse(path)
@@ -189,7 +189,7 @@ def read_logs(source: str | Path | Iterable[str | Path]) -> list[Log]:
     found = inside.rglob("*") if inside != path else inside.iterdir()
     files = sorted(p for p in found if not p.name.startswith(".") and find(p) is not None)
     if not files:
-        raise LogError(f"{path}: the folder holds no log; a log is {known()}")
+        raise LogError(f"{path}: the folder contains no log; a log is {known()}")
     return [read_log(file) for file in files]
 
 
@@ -207,7 +207,7 @@ def write_log(path: str | Path, log: Log) -> Path:
         parquet.write(path, log.columns, _placed(path, log.meta))
         return path
     if path.suffix != ".csv":
-        raise LogError(f"{path}: a log is a .csv or a .parquet file; this name ends in neither")
+        raise LogError(f"{path}: expected a name that ends in .csv or .parquet")
     with atomic_write(path) as temporary:
         csv_file.write(temporary, log.columns)
         write_meta(path, log.meta)
@@ -338,6 +338,6 @@ def _check_episodes(episode: np.ndarray, same: np.ndarray, place: str, at: Any) 
     if again.size:
         row = starts[again[0]]
         raise LogError(
-            f"{at(row, 'episode')}: episode {episode[row]:g} comes back after another; "
-            "keep its rows together, or renumber it"
+            f"{at(row, 'episode')}: episode {episode[row]:g} occurs again after another; keep its "
+            f"rows together, or renumber it"
         )

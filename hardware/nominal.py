@@ -45,7 +45,7 @@ def nominal(robot: Robot) -> mujoco.MjSpec:
     try:
         spec = mujoco.MjSpec.from_file(str(robot.model))
     except ValueError as error:
-        raise RobotError(f"{robot.model}: this model cannot be read: {error}") from None
+        raise RobotError(f"{robot.model}: the model cannot be read: {error}") from None
     spec.meshdir = str((robot.model.parent / spec.meshdir).resolve())
     spec.texturedir = str((robot.model.parent / spec.texturedir).resolve())
     actuators = {actuator.name: actuator for actuator in spec.actuators}

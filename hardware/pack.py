@@ -49,9 +49,9 @@ def pack(folder: Path, path: Path, tell: Tell) -> None:
         UsageError: the folder is not there, holds nothing to send, or the file is there already.
     """
     if not folder.is_dir():
-        raise UsageError(f"folder={folder}: there is no such folder")
+        raise UsageError(f"folder={folder}: no such folder")
     if path.exists():
-        raise UsageError(f"{path} is there already; remove it, or choose another file=")
+        raise UsageError(f"{path} exists; remove it, or choose another file=")
     files = sorted(f for f in folder.rglob("*") if f.is_file() and f.suffix in KINDS)
     if not files:
         raise UsageError(f"folder={folder}: nothing in it ends in {', '.join(KINDS)}")

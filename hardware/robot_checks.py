@@ -38,7 +38,7 @@ def check_robot(robot: Robot, place: str) -> None:
     if {servo.type.maker for servo in robot.servos} == {"feetech"} and robot.watchdog:
         raise RobotError(f"{place}: watchdog: {robot.watchdog} s; Feetech servos have none: give 0")
     if not 0 <= robot.watchdog <= 2.54:
-        raise RobotError(f"{place}: watchdog: {robot.watchdog} s; it can be 0 (off) to 2.54 s")
+        raise RobotError(f"{place}: watchdog: {robot.watchdog} s; expected 0 (off) to 2.54 s")
 
 
 def _check_bus(part: Robot, place: str) -> None:
@@ -51,7 +51,7 @@ def _check_bus(part: Robot, place: str) -> None:
     for servo in part.servos:
         if ids.count(servo.id) > 1:
             raise RobotError(
-                f"{place}: servos.{servo.name}: id {servo.id} is taken; each has its own on its bus"
+                f"{place}: servos.{servo.name}: id {servo.id} is not unique on its bus"
             )
     makers = {servo.type.maker for servo in part.servos}
     if len(makers) > 1:
@@ -73,9 +73,9 @@ def _check_servo(robot: Robot, servo: Servo, place: str) -> None:
         remedy = f"give one of {format_names(map(str, names))}" if robot.buses else "leave it out"
         raise RobotError(f"{place}: bus {servo.bus!r}: the robot has no such bus; {remedy}")
     if not 0 <= servo.id <= 251:
-        raise RobotError(f"{place}: id {servo.id}; it can be 0 to 251")
+        raise RobotError(f"{place}: id {servo.id}; expected 0 to 251")
     if servo.sign not in (1, -1):
-        raise RobotError(f"{place}: sign {servo.sign}; it can be 1 or -1")
+        raise RobotError(f"{place}: sign {servo.sign}; expected 1 or -1")
     if not abs(servo.zero) <= 2 * kind.units.counts_per_turn:
         raise RobotError(
             f"{place}: zero {servo.zero:g}; a turn of its encoder has {kind.units.counts_per_turn} "
@@ -93,7 +93,7 @@ def _check_servo(robot: Robot, servo: Servo, place: str) -> None:
             raise RobotError(f"{place}: registers: {name!r} can only be read")
         low, high = register.fixed_range
         if not low <= value <= high:
-            raise RobotError(f"{place}: registers: {name} = {value}; it can be {low} to {high}")
+            raise RobotError(f"{place}: registers: {name} = {value}; expected {low} to {high}")
     _check_supply(robot, servo, place)
 
 

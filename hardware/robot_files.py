@@ -35,7 +35,7 @@ def find_robot(name_or_path: str | Path) -> Path:
         known = sorted(files)
         hint = did_you_mean(str(name_or_path), known)
         raise RobotError(
-            f"there is no robot {str(name_or_path)!r}{hint}; known: {format_names(known)}"
+            f"unknown robot {str(name_or_path)!r}{hint}; available: {format_names(known)}"
         )
     return path
 
@@ -49,7 +49,7 @@ def read_robot(path: Path) -> dict[str, Any]:
     try:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, yaml.YAMLError) as error:
-        raise RobotError(f"{path}: this cannot be read as YAML: {error}") from None
+        raise RobotError(f"{path}: cannot be read as YAML: {error}") from None
     data = dict(mapping(data, str(path)))
     model = path.parent / str(data.get("model"))
     return {**data, "model": str(model)} if model.is_file() else data

@@ -161,7 +161,7 @@ class RobotRows:
             SafetyError: no episode is going on.
         """
         if self.over or self._measured is None:
-            raise SafetyError(f"{self.backend.robot.name}: no episode is going on; call reset()")
+            raise SafetyError(f"{self.backend.robot.name}: no episode is in progress; call reset()")
         if ids is not None and not len(ids):
             return _nothing(self.observation_size)
         action = np.asarray(action, float).reshape(1, self.action_size)

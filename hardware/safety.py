@@ -235,7 +235,7 @@ class Guard:
         return reading
 
     def release_torque(self) -> None:
-        """Switch torque off for a swing; the robot stays armed and watched.
+        """Switch torque off for a swing; the robot remains armed and monitored.
 
         Raises:
             SafetyError: the robot is not armed, or a servo did not confirm.

@@ -189,7 +189,7 @@ def write_settings(
     client.open(baud)
     if not any(len(client.ping(servo.id)) == 1 for _ in range(RETRIES)):
         raise ServoError(
-            f"servo {servo.id} ({servo.name}) does not answer by its new ID and speed; "
+            f"servo {servo.id} ({servo.name}) does not answer at its new ID and speed; "
             "python -m hardware scan port=... finds it"
         )
     if "lock" in servo.type.registers:
@@ -201,5 +201,5 @@ def _asked(ask: Ask, question: str) -> str:
         return ask(question)
     except EOFError:
         raise UsageError(
-            "setup needs a person at a terminal, and there is none; nothing was written"
+            "setup needs a person at a terminal, but there is none; nothing was written"
         ) from None

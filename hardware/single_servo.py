@@ -49,7 +49,7 @@ def chosen(driver: Driver, name: str | None) -> list[tuple[Driver, Servo]]:
         known = [f"{one.name} (ID {one.id})" for _, one in servos]
         hint = did_you_mean(name, [one.name for _, one in servos])
         what = "several servos have that ID" if found else f"no such servo{hint}"
-        raise UsageError(f"servo={name}: {what}; there are {format_names(known)}")
+        raise UsageError(f"servo={name}: {what}; available: {format_names(known)}")
     return found
 
 
@@ -95,17 +95,18 @@ def write(
     low, high = place.fixed_range
     whole = place.encode(value)
     if not low <= value <= high or place.decode(whole) != value:
-        raise UsageError(f"{register} = {value}; it can be {low:g} to {high:g}, {place.size} bytes")
+        raise UsageError(f"{register} = {value}; expected {low:g} to {high:g}, {place.size} bytes")
     if not place.writable:
         raise UsageError(f"{register} can only be read")
     if register == "torque_enable":
-        raise UsageError("python -m hardware torque switches torque, where the joint is")
+        raise UsageError("use python -m hardware torque to switch torque")
     open_ports(driver)
     client = part.bus_client
     with patient(driver):
         if read_register(client, one, "torque_enable") and not may_move:
             raise ServoError(
-                f"{one.name} has torque and may move: switch it off (python -m hardware torque), "
+                f"{one.name} has torque and may move: switch torque off (python -m hardware "
+                f"torque), "
                 "or add arm=true"
             )
         before = read_register(client, one, register)
@@ -122,7 +123,7 @@ def _write_eeprom(part: Driver, servo: Servo, change: Difference) -> None:
     found = DetectedServo(baud, servo.id, kind.number, kind.firmware, kind.maker)
     new = replace(servo, id=change.wanted) if change.register == "id" else servo
     if change.register == "id" and part.bus_client.ping(new.id):
-        raise ServoError(f"a servo answers as {new.id} already; each needs its own ID")
+        raise ServoError(f"a servo already has the ID {new.id}; choose another")
     if change.register == "baud_rate":
         baud = kind.bauds[change.wanted]
     write_settings(part.bus_client, new, found, [change], baud)

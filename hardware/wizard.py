@@ -60,7 +60,7 @@ def make_robot_file(port: str, model: Path, path: Path, ask: Ask, tell: Tell) ->
     if path.suffix not in SUFFIXES:
         raise UsageError(f"file={path}: a robot's file ends in .yaml")
     if path.exists():
-        raise RobotError(f"{path} is there already; choose another name, or remove it")
+        raise RobotError(f"{path} exists; choose another name, or remove it")
     try:
         draft = _with_ids(names, port, ask, tell)
         driver = make_driver(draft)

@@ -91,7 +91,7 @@ def page_of(arguments: list[str]) -> str | None:
     """
     pages = [one for one in arguments[1:] if is_page(one)] if arguments[:1] == ["view"] else []
     if pages and len(arguments) != 2:
-        raise Sim2RealError("view opens one page and takes nothing else: sim2real view PAGE.html")
+        raise Sim2RealError("view accepts one page and no keys: sim2real view PAGE.html")
     return pages[0] if pages else None
 
 

@@ -129,7 +129,7 @@ class Effect:
             return self.sides[0] if self.sides else None
         if side not in self.sides:
             allowed = (
-                f"it can be: {', '.join(self.sides)}"
+                f"choose one of: {', '.join(self.sides)}"
                 if self.sides
                 else "it has no sides; leave it out"
             )

@@ -93,7 +93,9 @@ class _ContactEffect(Effect):
             named = [i for i in can if _name_of(model, i) == self.where]
             return named or [find(model, "geom", self.where)]
         if not can:
-            raise EffectError(f"{self.name}: no geom of this model can touch the ground")
+            raise EffectError(
+                f"{self.name}: no geom of this model can touch the ground; give its feet contacts"
+            )
         return [i for i in can if "foot" in model.geom(i).name] or can
 
     def _ground(self, model: mujoco.MjModel) -> list[int]:

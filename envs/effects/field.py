@@ -76,7 +76,7 @@ class FieldEffect(Effect):
             index = pick(model, self.place, self.where)  # type: ignore[arg-type]
         else:
             raise NotImplementedError(
-                f"{type(self).__name__} must say which elements of {self.field} it writes"
+                f"{type(self).__name__} must define which elements of {self.field} it writes"
             )
         return (index,) if self.column is None else (index, self.column)
 
@@ -93,8 +93,8 @@ class FieldEffect(Effect):
         if self.how == "scale":
             if not nominal.any():
                 raise EffectError(
-                    f"{self.label()}: the model's {self.field} is 0 there, and a factor changes"
-                    " nothing; use how: add"
+                    f"{self.label()}: the model's {self.field} is 0 there, so a factor changes "
+                    f"nothing; use how: add"
                 )
             return (self.parameter(low=0.0),)
         return (self.parameter(low=self.minimum, neutral=float(nominal.flat[0])),)

@@ -91,14 +91,14 @@ def parse_entry(entry: Any) -> tuple[Effect, Values]:
     for key in entry:
         if key not in KEYS:
             hint = did_you_mean(str(key), KEYS)
-            raise EffectError(f"unknown key {short(key)}{hint}; there are: {', '.join(KEYS)}")
+            raise EffectError(f"unknown key {short(key)}{hint}; choose one of: {', '.join(KEYS)}")
     for key in ("effect", "value"):
         if entry.get(key) is None:
-            raise EffectError(f"the key {key!r} is missing")
+            raise EffectError(f"the key {key!r} is missing; add it")
     effect = _effect(entry)
     if entry.get("unit") not in (None, effect.unit):
         raise EffectError(
-            f"{effect.label()} is in {effect.unit or 'no unit'}, not {short(entry['unit'])};"
+            f"{effect.label()}: expected the unit {effect.unit!r}, got {short(entry['unit'])};"
             " convert the value"
         )
     given = entry["value"] if isinstance(entry["value"], list) else [entry["value"]]

@@ -90,8 +90,8 @@ class _Coulomb(BoundEffect):
 class CoulombFriction(FieldEffect):
     """Dry friction: a torque that opposes motion at any speed; below it the joint sticks.
 
-    With MuJoCo's default constraints, dry friction of the model lets a loaded joint creep; with
-    this effect, it sticks as well.
+    With MuJoCo's default constraints, a loaded joint creeps against its dry friction; with this
+    effect, it sticks.
     """
 
     name = "coulomb_friction"

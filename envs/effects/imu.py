@@ -31,7 +31,7 @@ def base_of(model: mujoco.MjModel) -> int:
     """Return the free joint that carries the robot; raises EffectError where there is none."""
     found = np.flatnonzero(model.jnt_type == FREE)
     if not found.size:
-        raise EffectError("the model has no free joint, so that no IMU says how its base turns")
+        raise EffectError("the model has no free joint, so an IMU cannot measure its base")
     return int(found[0])
 
 
@@ -190,7 +190,7 @@ class ImuMounting(_ImuEffect):
 class ImuDelay(_ImuEffect):
     """Age of the base's orientation and angular velocity, compared with the encoders.
 
-    `longest` sizes the memory.
+    `longest` sizes the buffer.
     """
 
     name = "imu_delay"

@@ -95,7 +95,7 @@ class LinkInertia(FieldEffect):
     field = "body_inertia"
     constants = True
     typical = (0.5, 2.0)
-    symptom = "acceleration differs from what mass and lever arm predict; static sag is right"
+    symptom = "acceleration differs from what mass and lever arm predict; static sag does not"
     source = "MuJoCo XML reference, body/inertial/diaginertia; J = f J_cm + m r²"
     experiment = "fast swings of the last link about its own joint, then slow loaded holds"
 
@@ -120,8 +120,8 @@ def far_end(model: mujoco.MjModel, body: int) -> np.ndarray:
         ]
     if not points or max(np.linalg.norm(p) for p in points) < 1e-9:
         raise EffectError(
-            f"body {model.body(body).name!r} has no child, site or geom that says where its far"
-            " end is"
+            f"body {model.body(body).name!r} has no child, site or geom at its far end; add a "
+            f"site there"
         )
     return np.array(max(points, key=lambda p: float(np.linalg.norm(p))))
 

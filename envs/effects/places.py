@@ -64,7 +64,7 @@ def joints(model: mujoco.MjModel, where: str | None) -> np.ndarray:
         found = np.array(sorted(j for j in driven if _scalar(model, j)), dtype=int)
         if not found.size:
             raise EffectError(
-                "no actuator of this model drives a hinge or slide; say where: the name of a joint"
+                "no actuator of this model drives a hinge or slide; give where: the name of a joint"
             )
         return found
     found = members(model, "joint", where)

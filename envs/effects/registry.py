@@ -37,7 +37,9 @@ def make(name: str, **arguments: Any) -> Effect:
     """Return the effect of that standard name; raises EffectError with the nearest one if none."""
     if name not in EFFECTS:
         known = ", ".join(sorted(EFFECTS))
-        raise EffectError(f"no effect {name!r}{did_you_mean(name, EFFECTS)}; there are: {known}")
+        raise EffectError(
+            f"no effect {name!r}{did_you_mean(name, EFFECTS)}; choose one of: {known}"
+        )
     return EFFECTS[name](**arguments)
 
 
@@ -88,6 +90,6 @@ def refuse_elsewhere(effects: Iterable[Effect], engine: Engine) -> None:
             variant = f" ({effect.variant})" if effect.variant else ""
             raise EffectError(
                 f"{effect.label()}{variant} does not work with physics={engine}; leave it out, or "
-                f"use physics={effect.engines[0]}. With physics={engine} there are: "
+                f"use physics={effect.engines[0]}. Available with physics={engine}: "
                 f"{', '.join(there)}"
             )

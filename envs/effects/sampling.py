@@ -115,7 +115,7 @@ class SamplingDelay(Measurement):
 class ObservationDelay(Effect):
     """Age of the measured positions and speeds.
 
-    Positions between control steps are interpolated by cubics. `longest` sizes the memory.
+    Positions between control steps are interpolated by cubics. `longest` sizes the buffer.
     """
 
     name = "observation_delay"

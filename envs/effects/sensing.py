@@ -125,7 +125,9 @@ class EncoderOffset(_SensorEffect):
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         if self.free or self.extra["servo"] not in (0.0, 1.0):
-            raise EffectError(f"{self.label()}: servo is 0 or 1, and no parameter; try both")
+            raise EffectError(
+                f"{self.label()}: servo is 0 or 1 and cannot be a parameter; try both"
+            )
 
     @property
     def variant(self) -> str:

@@ -176,8 +176,8 @@ class SeriesEffect(Effect):
             own = [j for j in joint.parent.joints if SERIES not in j.name]
             if own[-1].name != joint.name:
                 raise EffectError(
-                    f"{self.label()}: joint {joint.name!r} is not the last of body"
-                    f" {joint.parent.name!r}, where the play belongs; give it a body of its own"
+                    f"{self.label()}: joint {joint.name!r} is not the last joint of body"
+                    f" {joint.parent.name!r}; move the joint to a separate body"
                 )
             self._add(spec, joint)
 

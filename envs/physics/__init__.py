@@ -36,5 +36,5 @@ def make_physics(engine: Engine, batch: Batch, device: Any = "cpu") -> Physics:
         return WarpPhysics(batch, device)
     raise TaskError(
         f"physics={engine!r} is unknown{did_you_mean(str(engine), ENGINES)};"
-        f" it can be: {', '.join(ENGINES)}"
+        f" choose one of: {', '.join(ENGINES)}"
     )

@@ -59,7 +59,7 @@ class WarpPhysics:
             place.type == "cuda" and not torch.cuda.is_available()
         ):
             raise TaskError(
-                f"physics=warp steps on cuda or cpu, and device={device} is not there; "
+                f"physics=warp runs on cuda or cpu, but device={device} is not there; "
                 "use one of them, or physics=batch"
             )
         self._torch, self._wp, self._mjw, self._batch = torch, warp, mujoco_warp, batch
@@ -133,8 +133,8 @@ class WarpPhysics:
                 if name in mujoco.MjModel._setconst_outputs:
                     continue  # derived for what MuJoCo Warp does otherwise, or for sleeping
                 raise TaskError(
-                    f"physics=warp has one {name} for all rows, and here they differ in it; "
-                    "use physics=batch"
+                    f"physics=warp has one {name} for all rows, but here the rows differ; use "
+                    f"physics=batch"
                 )
             shape = (self._batch.nsim, *shared.shape[1:])
             each = wp.empty(shape, dtype=shared.dtype, device=self._device)

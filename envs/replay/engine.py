@@ -124,7 +124,7 @@ def simulate(
     off = np.stack([_extended(plan.off, longest) for plan in plans])  # (N, K)
     known = [plan.law for plan in plans if plan.law is not None]
     if 0 < len(known) < len(plans):
-        raise TaskError("some recordings bring gains (impedance control) and others do not")
+        raise TaskError("only some recordings contain gains (impedance control); separate them")
     law = np.stack([_extended(one, longest) for one in known]) if known else None  # (N, K, nu, 4)
     return Motion(plant.model.opt.timestep, rollout(plant, ctrl, off, law, steps), steps)
 

@@ -52,8 +52,8 @@ def with_impedance(spec: mujoco.MjSpec, gains: Mapping[str, tuple[float, float]]
             or model.actuator_actnum[index]
         ):
             raise TaskError(
-                f"actuator {actuator.name!r} of the model cannot be under impedance control: that"
-                " needs a motor or a position actuator on a joint"
+                f"actuator {actuator.name!r} of the model cannot have impedance control, which "
+                f"needs a motor or a position actuator on a joint"
             )
         _limit(actuator, model, index)
         kp, kd = (gain if gain > 0 else REFERENCE for gain in gains[actuator.name])

@@ -102,7 +102,7 @@ class Task(ABC):
             return self
         if not self.array_api or self.contact_forces:
             raise TaskError(
-                f"{type(self).__name__} computes with NumPy alone"
+                f"{type(self).__name__} computes with NumPy only"
                 f"{', contact forces' if self.contact_forces else ''}; use physics=batch, or write "
                 "its functions with self.xp and set array_api = True"
             )

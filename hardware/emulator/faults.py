@@ -62,7 +62,7 @@ class Fault:
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             hint = did_you_mean(self.kind, KINDS)
-            raise RobotError(f"unknown fault {self.kind!r}{hint}; there are {format_names(KINDS)}")
+            raise RobotError(f"unknown fault {self.kind!r}{hint}; available: {format_names(KINDS)}")
         if not 0 <= self.probability <= 1:
             raise RobotError(f"fault {self.kind}: probability {self.probability} is not in [0, 1]")
         if not self.start <= self.stop:

@@ -52,14 +52,14 @@ class Hand:
         if verb == "move" and len(words) == 2:
             self._move(*words)
             return None
-        raise RobotError(f"{line.strip()!r}: there are {LINES}")
+        raise RobotError(f"{line.strip()!r}: expected {LINES}")
 
     def _joints(self, word: str) -> list[int]:
         if word == "all":
             return list(range(len(self._names)))
         if word not in self._names:
             hint = did_you_mean(word, self._names)
-            raise RobotError(f"no joint {word!r}{hint}; there are {format_names(self._names)}")
+            raise RobotError(f"no joint {word!r}{hint}; available: {format_names(self._names)}")
         return [self._names.index(word)]
 
     def _move(self, name: str, angle: str) -> None:

@@ -180,12 +180,10 @@ def _add(
     effect, where, side = entry.get("effect"), entry.get("where"), entry.get("side")
     place = f"{place} ({effect})"
     if effect == "goal":
-        raise RobotError(
-            f"{place}: a goal is what a task asks for, and no robot has one; leave the entry out"
-        )
+        raise RobotError(f"{place}: a goal belongs to a task, not to a robot; remove the entry")
     if effect not in EFFECTS:
         hint = did_you_mean(str(effect), EFFECTS)
-        raise RobotError(f"{place}: unknown effect{hint}; there are {format_names(EFFECTS)}")
+        raise RobotError(f"{place}: unknown effect{hint}; available: {format_names(EFFECTS)}")
     extra = dict(entry.get("extra") or {})
     if effect == "gravity_tilt":
         x, y = _numbers(entry.get("value"), 2, place, "two angles [rad]")
@@ -219,7 +217,7 @@ def _add_servo(
     place: str,
 ) -> None:
     if side not in (None, "motor", "link"):
-        raise RobotError(f"{place}: side {side!r}; it can be 'motor' or 'link'")
+        raise RobotError(f"{place}: side {side!r}; expected 'motor' or 'link'")
     extras = SERVO_EFFECTS[effect]
     for name, number in extra.items():
         if name not in extras:
@@ -242,14 +240,14 @@ def _servos(where: str | None, robot: Robot, joints: list[str], place: str) -> l
             return [names.index(where)]
     hint = did_you_mean(str(where), robot.names)
     raise RobotError(
-        f"{place}: no servo or joint {where!r}{hint}; there are {format_names(robot.names)}"
+        f"{place}: no servo or joint {where!r}{hint}; available: {format_names(robot.names)}"
     )
 
 
 def _one_of(where: str | None, names: list[str], what: str, place: str) -> str:
     if where not in names:
         hint = did_you_mean(str(where), names)
-        raise RobotError(f"{place}: no {what} {where!r}{hint}; there are {format_names(names)}")
+        raise RobotError(f"{place}: no {what} {where!r}{hint}; available: {format_names(names)}")
     return str(where)
 
 

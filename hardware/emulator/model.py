@@ -69,9 +69,7 @@ def _add_imu(spec: mujoco.MjSpec, robot: Robot, imu: Imu) -> None:
     """Let the model tell what is measured at the IMU's site."""
     sites = [site.name for site in spec.sites]
     if imu.site not in sites:
-        raise RobotError(
-            f"{robot.model}: imu: there is no site {imu.site!r}; it has {format_names(sites)}"
-        )
+        raise RobotError(f"{robot.model}: imu: no site {imu.site!r}; it has {format_names(sites)}")
     for name, kind in IMU_SENSORS.values():
         spec.add_sensor(name=name, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=imu.site)
 
@@ -184,8 +182,8 @@ def _far_end(model: mujoco.MjModel, body: int) -> np.ndarray:
     far = max(points, key=np.linalg.norm, default=np.zeros(3))
     if not np.linalg.norm(far) > 0:
         raise RobotError(
-            f"body {model.body(body).name!r} has no child, site or geom that says where its far "
-            "end is; add a site there"
+            f"body {model.body(body).name!r} has no child, site or geom at its far end; add a "
+            f"site there"
         )
     return far
 

@@ -101,7 +101,7 @@ def check_link(link: Path) -> None:
         RobotError: with what is there, or which folder is not.
     """
     if not link.parent.is_dir():
-        raise RobotError(f"link={link}: there is no folder {link.parent}; make it first")
+        raise RobotError(f"link={link}: no folder {link.parent}; create it first")
     stale = link.is_symlink() and os.readlink(link).startswith("/dev/")
     if not stale and (link.is_symlink() or link.exists()):
         raise RobotError(
@@ -121,7 +121,7 @@ def _linked(link: Path | None, device: str) -> Iterator[None]:
             link.unlink()
         link.symlink_to(device)
     except OSError as error:
-        raise RobotError(f"link={link}: it cannot be made: {error.strerror}") from None
+        raise RobotError(f"link={link}: cannot be created: {error.strerror}") from None
     try:
         yield
     finally:

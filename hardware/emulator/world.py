@@ -73,8 +73,7 @@ class EmulatedRobot:
         )
         if imu is None and self.hidden.imu != IMU_EFFECTS:
             raise RobotError(
-                f"{robot.name}: its file names no IMU whose faults could be hidden; leave out "
-                f"{format_names(IMU_EFFECTS)}"
+                f"{robot.name}: its file names no IMU; remove {format_names(IMU_EFFECTS)}"
             )
         self._held = np.zeros(len(self.servos), bool)
 

@@ -83,7 +83,9 @@ class FeetechClient(BusClient):
         Raises:
             SerialPortError: always.
         """
-        raise SerialPortError(f"servo {number} cannot be rebooted over the bus; switch its supply")
+        raise SerialPortError(
+            f"servo {number} cannot be rebooted over the bus; switch its supply off and on"
+        )
 
     def sync_write(self, address: int, values: Mapping[int, bytes]) -> None:
         """Write the same registers of several servos, without acknowledgement."""

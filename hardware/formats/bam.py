@@ -50,7 +50,7 @@ def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     try:
         table = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise LogError(f"{path}: this cannot be read as JSON: {error}") from None
+        raise LogError(f"{path}: cannot be read as JSON: {error}") from None
     entries = table.get("entries") if isinstance(table, dict) else None
     if not isinstance(entries, list) or not entries:
         raise LogError(f"{path}: a BAM log is a table with a list 'entries'; this has none")

@@ -62,7 +62,7 @@ def seconds(cells: Sequence[Any], place: str, first_line: int | None = None) -> 
         return np.array([(moment - moments[0]).total_seconds() for moment in moments])
     except TypeError:
         raise LogError(
-            f"{place}: some moments have a time zone and some have none; write all alike"
+            f"{place}: some times have a time zone and some do not; use one format"
         ) from None
 
 

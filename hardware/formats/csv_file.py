@@ -57,8 +57,8 @@ def read(path: Path) -> dict[str, np.ndarray]:
             line = file.readline(LONGEST)
         if len(line) == LONGEST:
             raise LogError(
-                f"{path}: the first line has {LONGEST:,} characters or more; it is to name the "
-                "log's columns"
+                f"{path}: the first line has {LONGEST:,} characters or more; it must name the "
+                f"log's columns"
             )
         separator = separator_of(line)
         header = [name.strip() for name in next(csv.reader([line], delimiter=separator), [])]
@@ -96,7 +96,7 @@ def _columns(path: Path, header: list[str], separator: str) -> dict[str, np.ndar
     rows = _rows(path, header, separator)
     if rows and not any(map(is_value, rows[0])):
         raise LogError(
-            f"{path}, row 0 (line {FIRST_LINE}): there is no number in it; if it is a second line "
+            f"{path}, row 0 (line {FIRST_LINE}): no number in it; if it is a second line "
             "of names or units, remove it, or write a columns.yaml (docs/how-to/prepare_logs.md)"
         )
     found = {}
@@ -164,10 +164,10 @@ def _check_header(path: Path, header: list[str]) -> None:
         raise LogError(f"{path}: the file is empty; the first line of a log names its columns")
     if all(map(is_value, header)):
         raise LogError(
-            f"{path}: the first line holds no names but numbers; write {','.join(REQUIRED)} and "
-            "ctrl.<actuator>, qpos.<joint> above them in their order, or a columns.yaml that says "
-            "which is which (`from: 0` is the first column)"
+            f"{path}: the first line contains numbers, not names; write {','.join(REQUIRED)} and "
+            "ctrl.<actuator>, qpos.<joint> above them in their order, or a columns.yaml that maps "
+            f"them (`from: 0` is the first column)"
         )
     name, times = Counter(header).most_common(1)[0]
     if times > 1:
-        raise LogError(f"{path}: column {name!r} is there {times} times")
+        raise LogError(f"{path}: column {name!r} occurs {times} times")

@@ -77,7 +77,7 @@ def write_guess(log: Path, path: Path) -> Path:
         LogError: there is a file already, or the log is of another kind.
     """
     if path.exists():
-        raise LogError(f"{path}: there is such a file already; remove it, or name another")
+        raise LogError(f"{path}: the file exists; remove it, or choose another name")
     if messages.is_log(log):
         text = _topics(log)
     elif log.suffix.lower() in (*mapped.TABLES, *mapped.ARRAYS):

@@ -91,7 +91,7 @@ def _angles(
     """Return a function of joint name and numbers (T,) to angles [rad]."""
     unit = extra.get("unit", info.get("unit")) or _guess(path, folder, data)
     if unit not in UNITS:
-        raise LogError(f"{path}: the unit is {unit!r}; it can be {format_names(UNITS)}")
+        raise LogError(f"{path}: the unit is {unit!r}; expected {format_names(UNITS)}")
     if unit == "degrees":
         return lambda name, values: np.deg2rad(values)
     if unit == "radians":
@@ -142,7 +142,7 @@ def _ranges(path: Path, folder: Path, extra: Mapping[str, Any]) -> dict[str, dic
         )
     file = folder / str(extra["calibration"])
     if not file.is_file():
-        raise LogError(f"{path}: the calibration {file} is not there")
+        raise LogError(f"{path}: the calibration {file} does not exist")
     table = read_meta(file)
     joints = table.get("joints", table)  # this project's files hold LeRobot's fields under `joints`
     for name, joint in joints.items():

@@ -87,12 +87,12 @@ def _mapping(file: Path) -> dict[str, Any]:
     try:
         tree = yaml.safe_load(file.read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError) as error:
-        raise LogError(f"{file}: this cannot be read as YAML: {error}") from None
+        raise LogError(f"{file}: cannot be read as YAML: {error}") from None
     if not isinstance(tree, dict) or not isinstance(tree.get("columns"), dict):
-        raise LogError(f"{file}: a table `columns` is needed, such as `columns: {{time: t}}`")
+        raise LogError(f"{file}: expected a table `columns`, such as `columns: {{time: t}}`")
     for key in tree:
         if key not in KEYS:
-            raise LogError(f"{file}: there is no key {key!r}{did_you_mean(key, KEYS)}")
+            raise LogError(f"{file}: unknown key {key!r}{did_you_mean(key, KEYS)}")
     for name, entry in tree["columns"].items():
         if not known(str(name)):
             raise LogError(f"{file}: unknown column {name!r}; names: docs/reference/log_format.md")
@@ -100,11 +100,11 @@ def _mapping(file: Path) -> dict[str, Any]:
         if isinstance(entry.get("from"), int):
             entry["from"] = str(entry["from"])
         if not isinstance(entry.get("from"), str):
-            raise LogError(f"{file}, column {name!r}: `from` is needed: the source's name")
+            raise LogError(f"{file}, column {name!r}: `from` (the source's name) is missing")
         wrong = [key for key in entry if key not in ENTRY]
         if wrong:
             raise LogError(
-                f"{file}, column {name!r}: there is no key {wrong[0]!r}; {format_names(ENTRY)}"
+                f"{file}, column {name!r}: unknown key {wrong[0]!r}; {format_names(ENTRY)}"
             )
         if entry.get("unit") == REGISTER:
             entry = {**_as_servo_counts(tree.get("meta") or {}, f"{file}, {name}", name), **entry}
@@ -113,7 +113,7 @@ def _mapping(file: Path) -> dict[str, Any]:
     for kind in ("ctrl", "qpos"):
         if not any(str(name).startswith(f"{kind}.") for name in tree["columns"]):
             raise LogError(
-                f"{file}: `{kind}.<joint>: {{from: NAME}}` is needed, of one joint or more"
+                f"{file}: `{kind}.<joint>: {{from: NAME}}` is missing for at least one joint"
             )
     return tree
 
@@ -169,8 +169,8 @@ def _source(
     key = wanted if wanted in source else wanted.strip("/")
     if key not in source:
         raise LogError(
-            f"{path}: there is no {wanted!r}{did_you_mean(wanted, source)}, which {file.name} "
-            f"names for {name!r}; there are {format_names(source)}"
+            f"{path}: no {wanted!r}{did_you_mean(wanted, source)}, which {file.name} "
+            f"names for {name!r}; available: {format_names(source)}"
         )
     values = np.asarray(source[key])
     if "index" in entry:
@@ -212,9 +212,7 @@ def _completed(
     length = len(next(iter(columns.values())))
     episode = columns.pop("episode", np.full(length, float(number)))
     if "time" not in columns and not (isinstance(rate, int | float) and rate > 0):
-        raise LogError(
-            f"{file}: `time` is needed, or the `rate` [Hz] at which {path.name} was made"
-        )
+        raise LogError(f"{file}: `time` is missing; map it, or give the `rate` [Hz] of {path.name}")
     time = columns.pop("time", None)
     if time is None:
         time = np.arange(length) / float(rate)
@@ -317,7 +315,7 @@ def arrays_of(path: Path, ends: tuple[str, ...] | None) -> Iterator[tuple[str, A
         try:
             group = zarr.open_group(str(path), mode="r")
         except (OSError, ValueError, KeyError) as error:
-            raise LogError(f"{path}: this cannot be read as Zarr: {error}") from None
+            raise LogError(f"{path}: cannot be read as Zarr: {error}") from None
         members = [(n, a) for n, a in group.members(None) if isinstance(a, zarr.Array)]
         found = [(n, a.shape if ends is None else a[:]) for n, a in members if _wanted(n, ends)]
     else:
@@ -331,7 +329,7 @@ def arrays_of(path: Path, ends: tuple[str, ...] | None) -> Iterator[tuple[str, A
             with h5py.File(path) as file:
                 file.visititems(visit)
         except OSError as error:
-            raise LogError(f"{path}: this cannot be read as HDF5: {error}") from None
+            raise LogError(f"{path}: cannot be read as HDF5: {error}") from None
     yield from found
 
 

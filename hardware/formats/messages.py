@@ -105,7 +105,7 @@ def messages(path: Path, wanted: Iterable[str]) -> Iterator[tuple[str, int, Any]
             for _, channel, record, message in made.iter_decoded_messages(topics=list(wanted)):
                 yield channel.topic, record.log_time, message
         except McapError as error:
-            raise LogError(f"{path}: this cannot be read as MCAP: {error}") from None
+            raise LogError(f"{path}: cannot be read as MCAP: {error}") from None
 
 
 def _mcap(path: Path) -> Any:
@@ -130,12 +130,12 @@ def _checked(file: Path) -> dict[str, Any]:
     try:
         tree = yaml.safe_load(file.read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError) as error:
-        raise LogError(f"{file}: this cannot be read as YAML: {error}") from None
+        raise LogError(f"{file}: cannot be read as YAML: {error}") from None
     if not isinstance(tree, dict) or not isinstance(tree.get("channels"), list):
-        raise LogError(f"{file}: a list `channels` is needed")
+        raise LogError(f"{file}: expected a list `channels`")
     for key in tree:
         if key not in KEYS:
-            raise LogError(f"{file}: there is no key {key!r}{did_you_mean(key, KEYS)}")
+            raise LogError(f"{file}: unknown key {key!r}{did_you_mean(key, KEYS)}")
     for number, channel in enumerate(tree["channels"]):
         place = f"{file}, channels[{number}]"
         lacks = [key for key in ("topic", "field", "names", "to") if key not in channel]
@@ -146,10 +146,10 @@ def _checked(file: Path) -> dict[str, Any]:
         if channel["to"] not in KINDS:
             hint = did_you_mean(channel["to"], KINDS)
             raise LogError(
-                f"{place}: there is no column {channel['to']!r}{hint}; {format_names(KINDS)}"
+                f"{place}: unknown column {channel['to']!r}{hint}; {format_names(KINDS)}"
             )
     if not any(channel["to"] == "ctrl" for channel in tree["channels"]):
-        raise LogError(f"{file}: no channel is the commands (`to: ctrl`)")
+        raise LogError(f"{file}: no channel with commands; add one (`to: ctrl`)")
     if tree.get("stamp", "header") not in ("header", "log"):
         raise LogError(f"{file}: stamp={tree['stamp']!r} can be 'header' or 'log'")
     return tree
@@ -241,7 +241,7 @@ def _rows(
 ) -> tuple[dict[str, np.ndarray], list[str]]:
     """Return columns with a row for each command and reading, and what was done to them."""
     if not any(name.startswith("qpos.") for name in series):
-        raise LogError(f"{file}: no channel is the measured positions (`to: qpos`)")
+        raise LogError(f"{file}: no channel with measured positions; add one (`to: qpos`)")
     columns, notes = align(merge(series), str(path))
     time, gap = columns["time"], float(tree.get("gap", GAP))
     sent = np.unique(np.concatenate([s.time for n, s in series.items() if n.startswith("ctrl.")]))

@@ -49,7 +49,7 @@ def read_table(path: Path) -> Any:
     try:
         return pq.ParquetFile(path).read()
     except (ArrowException, OSError) as error:
-        raise LogError(f"{path}: this cannot be read as Parquet: {error}") from None
+        raise LogError(f"{path}: cannot be read as Parquet: {error}") from None
 
 
 def column_names(path: Path) -> list[str]:
@@ -107,10 +107,10 @@ def numbers(path: Path, name: str, column: Any) -> np.ndarray:
     if any(isinstance(value, list) for value in values):
         for row, value in enumerate(values):
             if value is None or None in value:
-                raise LogError(f"{place}, row {row}: a number is missing; give a row without it up")
+                raise LogError(f"{place}, row {row}: a number is missing; remove the row")
         try:
             return np.asarray(values, float)
         except (TypeError, ValueError):
-            raise LogError(f"{place}: {column.type} holds no plain numbers") from None
+            raise LogError(f"{place}: {column.type} is not a column of numbers") from None
     read = {"episode": cells.labels}.get(name, cells.seconds)
     return read(values, place)

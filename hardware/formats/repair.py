@@ -93,7 +93,7 @@ def _check_numbers(columns: Columns, place: str, line: int | None) -> None:
         bad = np.flatnonzero(np.isnan(values))
         if bad.size == len(values):
             raise LogError(
-                f"{place}, column {name!r}: there is no number in it; log it, or remove the column"
+                f"{place}, column {name!r}: no number in it; log it, or remove the column"
             )
         if bad.size and name in REQUIRED:
             raise _missing(f"the {name}", name, int(bad[0]), place, line)

@@ -89,7 +89,7 @@ def _table(path: Path) -> dict[str, np.ndarray]:
         rows = list(csv.DictReader(file))
     if not rows or "timestamp" not in rows[0] or "positions" not in rows[0]:
         has = format_names(rows[0]) if rows else "no rows"
-        raise LogError(f"{path}: the columns 'timestamp' and 'positions' are needed; it has {has}")
+        raise LogError(f"{path}: the columns 'timestamp' and 'positions' are missing; it has {has}")
     lists = [name for name in ("positions", "velocities", "torques") if name in rows[0]]
     stamps = np.array([_cell(path, i, r["timestamp"], "timestamp") for i, r in enumerate(rows)])
     table = {
@@ -135,9 +135,9 @@ def _meta(folder: Path) -> dict[str, Any]:
             try:
                 meta = json.loads(path.read_text(encoding="utf-8"))
             except ValueError as error:
-                raise LogError(f"{path}: this cannot be read as JSON: {error}") from None
+                raise LogError(f"{path}: cannot be read as JSON: {error}") from None
             if not isinstance(meta, dict):
-                raise LogError(f"{path}: a table of names and values is needed")
+                raise LogError(f"{path}: expected a table of names and values")
             if "model" in meta:
                 meta["model"] = str((place / str(meta["model"])).resolve())
             break

@@ -80,17 +80,17 @@ def _find(unit: str, place: str) -> tuple[str, float]:
         number, slash, rest = unit.removeprefix(COUNTS).partition("/")
         if number.isdigit() and int(number) > 0 and slash + rest in ("", PER_SECOND):
             return ("angular speed" if slash else "angle"), TURN / int(number)
-        raise LogError(f"{place}: {unit!r} names no counts of a turn; write `{COUNTS}4096`")
+        raise LogError(f"{place}: {unit!r} does not give the counts per turn; write `{COUNTS}4096`")
     for dimension, units in UNITS.items():
         if unit in units:
             return dimension, units[unit]
     known = [name for units in UNITS.values() for name in units]
     if unit == ASKED:
-        raise LogError(f"{place}: the unit is not filled in yet; there are {format_names(known)}")
+        raise LogError(f"{place}: the unit is not filled in yet; available: {format_names(known)}")
     hint = did_you_mean(unit, known)
     if unit.strip() in ("%", "percent"):
         hint = "; a percentage of a range becomes rad by `scale`: half of the range over 100"
     raise LogError(
-        f"{place}: the unit {unit!r} is not known{hint}; there are {format_names(known)} and "
+        f"{place}: the unit {unit!r} is not known{hint}; available: {format_names(known)} and "
         f"'{COUNTS}4096' (of an encoder with 4096 counts a turn)"
     )

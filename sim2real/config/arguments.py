@@ -98,7 +98,9 @@ def _placed(verb: str, words: list[str]) -> list[str]:
     if not words:
         return []
     if verb not in PLACES:
-        raise ConfigError(f"{verb} takes no {words[0]!r}; write KEY=VALUE, see --help for the keys")
+        raise ConfigError(
+            f"{verb} does not accept {words[0]!r}; write KEY=VALUE, see --help for the keys"
+        )
     key = PLACES[verb]
     models = [w for w in words if key == "log" and Path(w).suffix.lower() in MODELS]
     values = [w for w in words if w not in models]
@@ -122,7 +124,7 @@ def _readable(argument: str) -> list[str]:
     if equals and name == EXPERIMENT:
         return [f"+{EXPERIMENT}={value}"]
     if equals and difflib.get_close_matches(name, [EXPERIMENT], cutoff=0.8):
-        raise ConfigError(f"{key}: there is no such key; did you mean +{EXPERIMENT}={value}?")
+        raise ConfigError(f"{key}: no such key; did you mean +{EXPERIMENT}={value}?")
     if equals and name == "robot":
         return _robot(value)
     return [f"{key}={path_value(value)}" if equals and name in PATHS else argument]

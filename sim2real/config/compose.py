@@ -293,16 +293,14 @@ def explain(error: Exception, overrides: list[str]) -> ConfigError:
     if isinstance(error, OverrideParseException):
         key = error.override.partition("=")[0]
         return ConfigError(
-            f"{error.override}: this cannot be read; a value with =, a comma or a bracket stands "
+            f"{error.override}: cannot be read; a value with =, a comma or a bracket stands "
             f"in quotes that the shell leaves: {key}='\"VALUE\"'"
         )
     if match := re.search(r"Could not find '(.+)/([^/']+)'", text):
         group, name = match.groups()
         known = options(group)
-        allowed = f"; there are: {', '.join(known)}" if known else ""
-        return ConfigError(
-            f"{group}={name}: there is no such choice{did_you_mean(name, known)}{allowed}"
-        )
+        allowed = f"; choose one of: {', '.join(known)}" if known else ""
+        return ConfigError(f"{group}={name}: no such choice{did_you_mean(name, known)}{allowed}")
     if match := re.search(r"Could not (?:override|append to config|delete).* '([^']+)'", text):
         return ConfigError(_unknown(match[1], overrides))
     lines = [line.strip() for line in str(error.__cause__ or error).splitlines() if line.strip()]

@@ -59,7 +59,7 @@ def activate(folder: str | Path | None) -> None:
         return
     place = Path(folder).expanduser().resolve()
     if not place.is_dir():
-        raise ConfigError(f"--config-dir {folder}: there is no such folder")
+        raise ConfigError(f"--config-dir {folder}: no such folder")
     os.environ[VARIABLE] = str(place)
     if signatures.OWN.get("") == place:
         return
@@ -68,8 +68,8 @@ def activate(folder: str | Path | None) -> None:
         elsewhere = found is not None and not str(found.origin or place).startswith(str(place))
         if name in signatures.PACKAGES or elsewhere:
             raise ConfigError(
-                f"{place / name}: a module of the name {name!r} is there already "
-                f"({found.origin if found else 'in this project'}); give yours another name"
+                f"{place / name}: a module {name!r} exists already "
+                f"({found.origin if found else 'in this project'}); rename yours"
             )
     signatures.OWN.clear()
     signatures.OWN.update({"": place, **{name: place for name in modules(place)}})

@@ -64,7 +64,7 @@ def check_paths_exist(tree: dict[str, Any], used: Collection[str]) -> None:
     verb = tree["run"]["_target_"].split(".")[-2]
     needed = NEEDED.get(verb)
     if needed is not None and not tree[needed]:
-        raise ConfigError(f"{verb} needs {needed}=PATH; `sim2real {verb} PATH` says the same")
+        raise ConfigError(f"{verb} needs {needed}=PATH; `sim2real {verb} PATH` is the same")
     begun = {"resume"} if verb in STARTED_BY_RESUME else set()
     for key in (one for one in READ if one in used and one not in begun):
         given = tree[key] if isinstance(tree[key], list) else [tree[key]]
@@ -74,7 +74,7 @@ def check_paths_exist(tree: dict[str, Any], used: Collection[str]) -> None:
             if not path.exists():
                 near = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
                 hint = did_you_mean(path.name, near)
-                raise ConfigError(f"{key}={path}: there is no such file or folder{hint}")
+                raise ConfigError(f"{key}={path}: no such file or folder{hint}")
 
 
 def check_output_is_free(out: Path, tree: dict[str, Any]) -> None:

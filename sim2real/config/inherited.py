@@ -54,8 +54,8 @@ def with_run(overrides: list[str]) -> list[str]:
         was = _value(folder, own, key)
         if was is not None and yaml.safe_load(value) != was:
             raise ConfigError(
-                f"{key}={value}: the run in {folder} has {key}={was}, and resume= goes on with it "
-                "as it is; leave it out, or begin a new run (start= takes over its policy)"
+                f"{key}={value}: the run in {folder} has {key}={was}, and resume= keeps it; "
+                "remove the key, or begin a new run (start= continues from its policy)"
             )
     kept = [line for line in own if key_of(line) not in given]
     return [

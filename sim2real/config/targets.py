@@ -109,7 +109,7 @@ def check_named(tree: dict[str, Any] | None, where: str) -> None:
         if not (isinstance(one, dict) and "_target_" in one):
             shown = "null" if one is None else repr(one)
             raise ConfigError(
-                f"{where}.{name}={shown}: it must be a mapping with a _target_; to leave {name} "
+                f"{where}.{name}={shown}: expected a mapping with a _target_; to leave {name} "
                 f"out, write ~{where}.{name}"
             )
     check(tree, where)
@@ -129,11 +129,11 @@ def import_target(target: str, where: str) -> Callable[..., Any]:
     except (ImportError, AttributeError) as error:
         if ours:
             raise
-        raise ConfigError(f"{where}._target_={target}: there is no such class") from error
+        raise ConfigError(f"{where}._target_={target}: no such class") from error
     home = getattr(found, "__module__", "").split(".")[0]
     if not ours and not (inspect.isclass(found) and home in FOREIGN):
         raise ConfigError(
-            f"{where}._target_={target}: of {' and '.join(FOREIGN)} only classes can be used"
+            f"{where}._target_={target}: only classes of {' and '.join(FOREIGN)} can be used"
         )
     return found
 
@@ -165,7 +165,7 @@ def _signature(target: Any, where: str) -> signatures.Signature | None:
     if signature is None:
         module, _, name = target.rpartition(".")
         hint = did_you_mean(name, signatures.names(module))
-        raise ConfigError(f"{where}._target_={target}: there is no such class{hint}")
+        raise ConfigError(f"{where}._target_={target}: no such class{hint}")
     return signature
 
 
@@ -179,14 +179,14 @@ def _check_arguments(
             known = ", ".join(signature.arguments) or "nothing"
             hint = did_you_mean(key, signature.arguments)
             raise ConfigError(
-                f"{prefix}{key}: {signature.name} takes no {key!r}{hint}; it takes {known}"
+                f"{prefix}{key}: {signature.name} does not accept {key!r}{hint}; it accepts {known}"
             )
         if isinstance(value, float) and not math.isfinite(value):
-            raise ConfigError(f"{prefix}{key}={value}: it must be a finite number")
+            raise ConfigError(f"{prefix}{key}={value}: expected a finite number")
         if argument is not None and not argument.accepts(value):
             shown = "null" if value is None else repr(value)
             hint = did_you_mean(value, argument.choices()) if isinstance(value, str) else ""
-            raise ConfigError(f"{prefix}{key}={shown}: it must be {argument.describe()}{hint}")
+            raise ConfigError(f"{prefix}{key}={shown}: expected {argument.describe()}{hint}")
     missing = [a.name for a in signature.arguments.values() if a.required and a.name not in given]
     if missing and not partial:
         raise ConfigError(f"{where}: {signature.name} also needs {', '.join(missing)}")
@@ -242,7 +242,7 @@ class DeferredObject(functools.partial):
         except ValueError as error:
             if _of_project(error):
                 raise
-            raise ConfigError(f"{self.place}: {error}; it was given {self._given()}") from error
+            raise ConfigError(f"{self.place}: {error}; arguments: {self._given()}") from error
 
     def _given(self) -> str:
         """Return the numbers and names that the configuration holds for it."""
@@ -261,5 +261,5 @@ def _check_foreign(make: Callable[..., Any], given: dict[str, Any], where: str) 
     for key in given:
         if key not in known and not takes_any:
             raise ConfigError(
-                f"{where}.{key}: {make.__name__} takes no {key!r}{did_you_mean(key, known)}"
+                f"{where}.{key}: {make.__name__} does not accept {key!r}{did_you_mean(key, known)}"
             )

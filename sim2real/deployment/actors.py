@@ -60,7 +60,7 @@ def load_actor(path: str | Path) -> LoadedPolicy:
     """
     path = Path(path).expanduser()
     if not path.exists():
-        raise ActorError(f"{path}: there is no such policy; give a file or a run's folder")
+        raise ActorError(f"{path}: no such policy; give a file or a run's folder")
     if path.suffix in RUNS_CODE:
         raise ActorError(
             f"{path}: a {path.suffix} file can execute code when it is loaded; export the policy "
@@ -110,13 +110,14 @@ def actor_of(trained: TrainedPolicy, path: str | Path) -> LoadedPolicy:
     if trained.program is None or not isinstance(task, ServoTask):
         raise ActorError(
             f"{path}: the policy is not a function of one observation of a servo robot (it has a "
-            "memory, sees images, or is of another task), so it cannot be computed again from a log"
+            f"memory, observes images, or belongs to another task), so it cannot be recomputed "
+            f"from a log"
         )
     if trained.context is not None:
         raise ActorError(
             f"{path}: the policy receives its robot's parameters "
-            f"({', '.join(trained.context.names)}), which logs do not hold, so its actions cannot "
-            "be computed again from a log"
+            f"({', '.join(trained.context.names)}), which logs do not contain, so its actions "
+            f"cannot be recomputed from a log"
         )
     module = trained.program(trained.theta).eval()
     low, high = task.action_range(task.spec().compile())
@@ -147,7 +148,8 @@ def _program(path: Path) -> LoadedPolicy:
         raise ActorError(f"{path}: torch cannot read this archive ({error})") from None
     if len(fed) != 1:
         raise ActorError(
-            f"{path}: the policy has {len(fed)} inputs; only those of one are compared"
+            f"{path}: the policy has {len(fed)} inputs; only policies with one input can be "
+            f"compared"
         )
     module, like = program.module(check_guards=False), fed[0]
     one_by_one = like.ndim < MATRIX or isinstance(like.shape[0], int)
@@ -184,8 +186,8 @@ def _onnx(path: Path) -> LoadedPolicy:
     if len(inputs) != 1:
         names = ", ".join(one.name for one in inputs)
         raise ActorError(
-            f"{path}: the policy has {len(inputs)} inputs ({names}); only those of one observation "
-            "can be computed again from a log"
+            f"{path}: the policy has {len(inputs)} inputs ({names}); only policies with one input "
+            f"can be recomputed from a log"
         )
     like, first = inputs[0], session.get_outputs()[0].name
     dtype = np.float64 if "double" in like.type else np.float32

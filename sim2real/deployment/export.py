@@ -51,8 +51,8 @@ def export(trained: TrainedPolicy, task: ServoTask, out: Path, rng: np.random.Ge
     """
     if trained.program is None:
         raise ExportError(
-            "the policy is not a function of one observation: it has a memory, sees images, or has "
-            "transforms other than a normalization and parameters without products; export "
+            "the policy is not a function of one observation: it has a memory, observes images, "
+            "or has transforms other than a normalization and parameters without products; export "
             "supports policy=linear, mlp, mlp2 and actor_critic"
         )
     module = trained.program(trained.theta).eval()
@@ -98,7 +98,7 @@ def to_arrays(module: nn.Module, task: ServoTask) -> tuple[Arrays, dict[str, Any
         found = ", ".join(type(layer).__name__ for layer in layers) or type(module).__name__
         raise ExportError(
             f"the policy's network ({found}) is not a perceptron with one nonlinearity; export "
-            "knows policy=linear, mlp, mlp2 and actor_critic"
+            f"supports policy=linear, mlp, mlp2 and actor_critic"
         )
     buffers = {name: value.numpy() for name, value in module.named_buffers()}
     low, high = task.action_range(task.spec().compile())
@@ -140,7 +140,7 @@ def check_parity(got: np.ndarray, wanted: np.ndarray, name: str) -> None:
     """Raise ExportError if actions (n, A) differ by more than TOLERANCE of their range."""
     off = float(np.abs(got - wanted).max()) / max(float(np.abs(wanted).max()), 1.0)
     if not off <= TOLERANCE:
-        raise ExportError(f"{name} would differ from the trained policy by {off:.2g}; not written")
+        raise ExportError(f"{name} differs from the trained policy by {off:.2g}; not written")
 
 
 def describe(trained: TrainedPolicy, task: ServoTask, arrays: Arrays) -> dict[str, Any]:

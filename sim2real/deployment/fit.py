@@ -48,7 +48,7 @@ def check_interface(trained: TrainedPolicy, robot: Robot) -> None:
         return
     if any(one.refused for one in found):
         raise Sim2RealError(
-            f"the policy was trained for another interface than that of {robot.name}:\n"
+            f"the policy's training interface differs from that of {robot.name}:\n"
             f"{side_by_side(found)}\nonly limits may differ; deploy a policy that was trained for "
             "this robot, or correct the robot's file"
         )

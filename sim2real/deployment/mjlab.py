@@ -186,15 +186,15 @@ def _laws(nominal: mujoco.MjModel, plant: Plant) -> Iterator[Term]:
     for i in np.union1d(changed, limited).astype(int):
         where = _name(nominal, "actuator", i)
         if nominal.actuator_biasprm[i, 1] >= 0:
-            raise ValueError("mjlab's terms set position servos alone")
+            raise ValueError("mjlab's terms support position servos only")
         if i in changed:
             if bias[i, 0] or not np.isclose(gain[i, 0], -bias[i, 1]):
-                raise ValueError("no term sets a servo whose gain is not that of its position")
+                raise ValueError("no term can set a servo with different gain and position bias")
             given = {"kp_range": _range(gain[i, 0]), "kd_range": _range(-bias[i, 2])}
             yield Term("pd_gains", "actuator", where, {**given, "operation": '"abs"'})
         if i in limited:
             if not np.isclose(ends[i, 0], -ends[i, 1]):
-                raise ValueError("no term sets a limit that differs between directions")
+                raise ValueError("no term can set a limit that differs between directions")
             given = {"effort_limit_range": _range(ends[i, 1]), "operation": '"abs"'}
             yield Term("effort_limits", "actuator", where, given)
 
@@ -210,7 +210,7 @@ def _offsets(nominal: mujoco.MjModel, biases: Sequence[tuple[Effect, float]]) ->
 def _name(model: mujoco.MjModel, kind: str, element: int) -> str:
     name = getattr(model, kind)(element).name
     if not name:
-        raise ValueError(f"a term finds its {kind} by name, and number {element} has none")
+        raise ValueError(f"terms find a {kind} by name, but number {element} has none")
     return name
 
 

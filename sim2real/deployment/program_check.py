@@ -41,7 +41,7 @@ def check_program(path: Path) -> None:
         with zipfile.ZipFile(path) as archive:
             contents = {name: archive.read(name) for name in archive.namelist()}
     except (OSError, zipfile.BadZipFile) as error:
-        raise ActorError(f"{path}: this is not a torch.export archive ({error})") from None
+        raise ActorError(f"{path}: not a torch.export archive ({error})") from None
     for name, content in contents.items():
         if any(word in name for word in COMPILED):
             raise ActorError(f"{path}: {name} in it is code; export the policy without it")
@@ -62,7 +62,7 @@ def _check_json(path: Path, name: str, content: bytes) -> None:
         if not operator or not sizes:
             raise ActorError(
                 f"{path}: {value[:80]!r} in {name} is neither an operator of aten nor a size; "
-                "loading it could execute code, so it is refused"
+                "loading it could execute code, so it is rejected"
             )
 
 
@@ -83,6 +83,6 @@ def _check_tensors(path: Path, name: str, content: bytes) -> None:
         torch.load(io.BytesIO(content), weights_only=True)
     except Exception:  # torch raises many kinds, none of which may pass
         raise ActorError(
-            f"{path}: {name} in it holds more than tensors; loading it could execute code, so it "
-            "is refused; export the policy again"
+            f"{path}: {name} in it contains more than tensors; loading it could execute code, so "
+            f"it is rejected; export the policy again"
         ) from None

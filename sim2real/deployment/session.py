@@ -131,13 +131,11 @@ class Deployment:
         """
         theta, noise = state["session.theta"], state["session.noise"]
         if not np.array_equal(theta, np.asarray(self.theta, np.float32)):
-            raise Sim2RealError(
-                "resume: that deployment was of another policy; give its checkpoint"
-            )
+            raise Sim2RealError("resume: the deployment used another policy; give its checkpoint")
         same = noise.shape[0] == self.adapt.queries and len(state["luck"]) == self.adapt.episodes
         if not same or len(state["fresh"]) != self.trials:
             raise Sim2RealError(
-                f"resume: that deployment had {len(state['fresh'])} trials and "
+                f"resume: the deployment had {len(state['fresh'])} trials and "
                 f"{len(state['luck'])} episodes of adaptation, this one has {self.trials} and "
                 f"{self.adapt.episodes}; give the same trials= and adapt="
             )
@@ -178,6 +176,6 @@ def load(path: str | Path, deployment: Deployment) -> None:
         if isinstance(error, Sim2RealError):
             raise
         raise Sim2RealError(
-            f"resume={path}: this is incomplete or damaged ({error}); give the folder of "
-            "one that was interrupted"
+            f"resume={path}: the deployment is incomplete or damaged ({error}); give the folder "
+            "of an interrupted one"
         ) from error

@@ -16,9 +16,12 @@ def make_stop_limits(stops: dict[str, float] | None) -> StopLimits:
     for name, value in (stops or {}).items():
         if name not in known or not isinstance(value, int | float) or not value > 0:
             raise Sim2RealError(
-                f"stops.{name}={value}{did_you_mean(name, known)}: a guard has numbers above 0 for "
+                f"stops.{name}={value}{did_you_mean(name, known)}: expected a number above 0 for "
+                f"one of "
                 f"{', '.join(known)}"
             )
         if name in PARTS and value > 1:
-            raise Sim2RealError(f"stops.{name}={value} is a part: above 0 and at most 1")
+            raise Sim2RealError(
+                f"stops.{name}={value} is a fraction; expected above 0 and at most 1"
+            )
     return StopLimits(**(stops or {}))  # type: ignore[arg-type]

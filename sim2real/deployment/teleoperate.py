@@ -52,7 +52,9 @@ def prepare_leader(name: str, port: str | None, calibration: str | None, followe
         at = [f"{robot.name} is {robot.port or 'emulated'}" for robot in (leader, follower)]
         raise Sim2RealError(f"{' and '.join(at)}: give leader_port= and port=, or neither")
     if leader.port is not None and leader.port == follower.port:
-        raise Sim2RealError(f"leader and follower are both at {leader.port}; each has a port")
+        raise Sim2RealError(
+            f"leader and follower both have the port {leader.port}; give each its own"
+        )
     if calibration is None:
         return leader
     return apply_calibration(leader, read_calibration(calibration))

@@ -103,7 +103,7 @@ def one_checkpoint(checkpoint: str | list[str] | Path | None) -> str | Path:
     given = checkpoint if isinstance(checkpoint, list) else [checkpoint] if checkpoint else []
     if len(given) != 1:
         what = f"{len(given)} were given" if given else "none was given"
-        raise Sim2RealError(f"one trained policy is needed, {what}; give checkpoint=PATH")
+        raise Sim2RealError(f"expected one trained policy, {what}; give checkpoint=PATH")
     return given[0]
 
 

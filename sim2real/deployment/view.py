@@ -158,7 +158,7 @@ def watch(
     try:
         drive(backend)
     except WindowClosedError:
-        log.info("seen %.1f s", clock.now())
+        log.info("simulated %.1f s", clock.now())
     finally:
         backend.close()
 
@@ -225,7 +225,7 @@ def check_display() -> None:
     linux = sys.platform.startswith("linux")
     if linux and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise Sim2RealError(
-            "view opens a window, and there is no display; run it on a desktop, or add video=film "
+            "view opens a window, but there is no display; run it on a desktop, or add video=film "
             "for a film"
         )
 

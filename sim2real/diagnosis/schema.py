@@ -333,7 +333,7 @@ class Report:
         """
         if tree.get("schema") not in READ:
             known, found = f"{', '.join(map(str, READ[:-1]))} or {SCHEMA}", tree.get("schema")
-            raise Sim2RealError(f"a report has schema {known}, this one has {found!r}")
+            raise Sim2RealError(f"expected a report of schema {known}, got {found!r}")
         given = {key: value for key, value in tree.items() if key != "schema"}
         where = tuple(
             _make(JointGap, {**one, "regimes": _each(Regime, one["regimes"])})

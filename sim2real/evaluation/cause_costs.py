@@ -140,14 +140,14 @@ def read_causes(path: str | Path) -> list[Cause]:
     """
     given = load_effects(path)
     if not given:
-        raise Sim2RealError(f"{path} holds no effects; there is nothing that could cost anything")
+        raise Sim2RealError(f"{path} contains no effects; `worth` needs at least one")
     content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     entries = content.get("entries", []) if isinstance(content, dict) else content
     found = [_cause(one, entry) for one, entry in zip(given, entries, strict=True)]
     labels = [cause.label for cause in found]
     twice = next((label for label in labels if labels.count(label) > 1), None)
     if twice is not None:
-        raise Sim2RealError(f"{path}: {twice} is there twice; put the two values into one")
+        raise Sim2RealError(f"{path}: {twice} occurs twice; combine the two values")
     return found
 
 
@@ -178,7 +178,8 @@ class CoalitionRollouts:
     ) -> None:
         if not trained.environment.simulated:
             raise Sim2RealError(
-                f"{trained.environment.name} simulates no robot that could have effects; give a "
+                f"{trained.environment.name} does not simulate a robot that can have effects; "
+                f"give a "
                 "checkpoint of a robot's task, such as env=quad8 or env=hopper"
             )
         if episodes < 2:

@@ -281,7 +281,7 @@ def report(scores: GridScores, evaluation: Evaluation, seed: int, out: Path) -> 
         grid_heatmaps(scores, out / "plots" / "heatmaps.png")
     else:
         log.info(
-            "a grid of %d axes has no picture; see table.md and grid.csv", len(scores.grid.axes)
+            "no picture for a grid of %d axes; see table.md and grid.csv", len(scores.grid.axes)
         )
 
 

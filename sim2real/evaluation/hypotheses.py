@@ -82,7 +82,7 @@ class Operand:
             return study.metric(group, self.metric, self.take, budget)
         if self.robot not in study.robots:
             raise ClaimError(
-                f"expect: there is no robot {self.robot!r}; there are: {', '.join(study.robots)}"
+                f"expect: unknown robot {self.robot!r}; choose one of: {', '.join(study.robots)}"
             )
         return study.returns(group, self.robot, budget)
 
@@ -108,7 +108,7 @@ class Claim:
         if self.relation not in RELATIONS:
             raise ClaimError(
                 f"expect: is={self.relation!r}{did_you_mean(str(self.relation), RELATIONS)}; "
-                f"it can be: {', '.join(RELATIONS)}"
+                f"choose one of: {', '.join(RELATIONS)}"
             )
         needs = ("range", self.range) if self.relation == "within" else ("right", self.right)
         if needs[1] is None:
@@ -247,8 +247,8 @@ def _check_keys(
     for key in tree:
         if key not in known:
             raise ClaimError(
-                f"expect: {where} takes no {key!r}{did_you_mean(str(key), known)}; "
-                f"it takes: {', '.join(known)}"
+                f"expect: {where} does not accept {key!r}{did_you_mean(str(key), known)}; "
+                f"it accepts: {', '.join(known)}"
             )
     missing = [key for key in needed if key not in tree]
     if missing:

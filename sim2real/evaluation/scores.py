@@ -227,7 +227,7 @@ class GridScores:
             before, before_sd, after, after_sd = np.moveaxis(np.array(rows).reshape(shape), -1, 0)
         except (OSError, KeyError, TypeError, ValueError) as error:
             raise ScoresError(
-                f"{folder}: no whole evaluation there ({error}); evaluate again"
+                f"{folder}: incomplete evaluation ({error}); evaluate again"
             ) from error
         parameters = tuple(
             Parameter(a["parameter"], a["parameter"], a["where"], unit=a["unit"], how=a["how"])

@@ -114,7 +114,7 @@ class Study:
             if mine != theirs:
                 raise RunsError(
                     f"{run.folder} was evaluated on {_words(run)}, {first.folder} on "
-                    f"{_words(first)}; report them apart: runs= takes folders of one task"
+                    f"{_words(first)}; report them separately: runs= takes folders of one task"
                 )
         self.task, self.robots = first.scores.task, tuple(first.scores.robots)
         self._budget = budgets(run.scores.frames for run in runs)

@@ -234,8 +234,8 @@ def env_with_robot(
     for key in changes:
         if key not in known:
             raise TransferError(
-                f"eval.robots.{robot}: {type(task).__name__} takes no {key!r}"
-                f"{did_you_mean(key, known)}; it takes: {', '.join([*known, EFFECTS])}"
+                f"eval.robots.{robot}: {type(task).__name__} does not accept {key!r}"
+                f"{did_you_mean(key, known)}; it accepts: {', '.join([*known, EFFECTS])}"
             )
     given = {**env.base.keywords, "task": type(task)(**(known | changes))}
     changed = env.with_base(partial(env.base.func, *env.base.args, **given))

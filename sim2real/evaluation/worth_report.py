@@ -130,7 +130,7 @@ def read_diagnosis(path: str | Path) -> dict[str, Any]:
     try:
         facts = json.loads(place.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise Sim2RealError(f"{place}: this cannot be read ({error})") from None
+        raise Sim2RealError(f"{place}: cannot be read ({error})") from None
     if not isinstance(facts, dict) or not ({"causes", "watched"} & set(facts)):
         raise Sim2RealError(
             f"{place} is neither the report.json of a diagnosis nor a compare.json; give one of "

@@ -96,7 +96,7 @@ def main(arguments: list[str]) -> None:
         Sim2RealError: not two folders.
     """
     if len(arguments) != 2:
-        raise Sim2RealError("two folders are wanted: a case's logs, and where its answer goes")
+        raise Sim2RealError("two folders are needed: a case's logs, and where its answer goes")
     answer(Path(arguments[0]), Path(arguments[1]))
 
 

@@ -174,10 +174,10 @@ def opened(folder: Path, drawn: int) -> tuple[list[str], int]:
     sealed = seal.cases(logs)
     names = [name for name in sealed if (keys / name / KEY).is_file()]
     if not names:
-        raise Sim2RealError(f"{folder}: no case could be made; choose more robots or cases")
+        raise Sim2RealError(f"{folder}: no case could be created; choose more robots or cases")
     done = [name for name in names if answered(folder / ANSWERS / name)]
     if not done:
-        raise Sim2RealError(f"{folder}: not one case was answered; start it again with resume=")
+        raise Sim2RealError(f"{folder}: no case was answered; start again with resume=")
     return done, drawn - len(sealed) + len(names)
 
 

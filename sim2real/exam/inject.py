@@ -146,14 +146,14 @@ class RealExam(Examiner):
         """Return the cases; the same seed gives the same ones."""
         if not self.data:
             raise Sim2RealError(
-                "real logs are needed, and exam.data names no folder of them; let the environment "
-                "variable SIM2REAL_DATA name it (docs/explanation/evidence.md names public logs)"
+                "exam.data names no folder of real logs; set the environment variable "
+                "SIM2REAL_DATA (docs/explanation/evidence.md names public logs)"
             )
         for base in BASES.values():
             if not (self._folder(base) / base.model).is_file():
                 raise Sim2RealError(
-                    f"exam.data={self.data} has no {base.folder}/{base.model}; let the environment "
-                    "variable SIM2REAL_DATA name the folder of real logs"
+                    f"exam.data={self.data} has no {base.folder}/{base.model}; set the "
+                    f"environment variable SIM2REAL_DATA to the folder of real logs"
                 )
         wanted = [
             (robot, effect)
@@ -277,7 +277,7 @@ def inject(effect: str, where: str | None, size: float, base: Base, model: mujoc
             (value,) = [v for n, j, v in right if (n, j) == (effect, where)]
             return Lie(value, taken)
     raise Sim2RealError(
-        f"{effect} cannot be hidden in real logs; there are {', '.join(base.where)}"
+        f"{effect} cannot be hidden in real logs; available: {', '.join(base.where)}"
     )
 
 

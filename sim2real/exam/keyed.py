@@ -2,8 +2,8 @@
 
     SIM2REAL_DATA=/data python -m sim2real +experiment=real_robots
 
-The data is public and not part of the project (docs/logs.md names the sources). What a model
-withholds is known, its true size only as well as who published it could fit it. Rules:
+The data is public and not part of the project (docs/explanation/evidence.md names the sources).
+What a model withholds is known, its true size only as well as its publishers could fit it. Rules:
 
 * Every `Wanted` cause has to be named, or an equivalent of a cause has to be it; one with `at` has
   to be named once for each of these moments, within `NEAR` s.
@@ -111,8 +111,8 @@ class KeyedExam(Examiner):
                 if not self.data or not Path(self.data, part).is_file():
                     raise Sim2RealError(
                         f"exam.data={self.data or None} has no {part}, which "
-                        f"{name} needs; let the environment variable SIM2REAL_DATA name the folder "
-                        "of real logs (docs/logs.md names the public sources)"
+                        f"{name} needs; set the environment variable SIM2REAL_DATA to the folder "
+                        f"of real logs (docs/explanation/evidence.md names the public sources)"
                     )
         return [
             Outline(name, "keyed", Path(case.log).parts[0], (), seed)

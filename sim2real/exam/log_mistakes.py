@@ -96,7 +96,7 @@ class Mistake:
                 return log.columns[other]
             case "column_map":
                 return values + log.columns[other]
-        raise ValueError(f"a mistake of kind {self.kind!r}; there are {', '.join(KINDS)}")
+        raise ValueError(f"unknown mistake {self.kind!r}; choose one of: {', '.join(KINDS)}")
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry of a key."""

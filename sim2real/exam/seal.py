@@ -60,12 +60,12 @@ def check(keys: Path, logs: Path) -> None:
     """
     seal = logs / SEAL
     if not seal.is_file():
-        raise Sim2RealError(f"{seal} is missing: these logs were never sealed; make a new exam")
+        raise Sim2RealError(f"{seal} is missing: these logs were never sealed; create a new exam")
     wanted, found = sealed(logs), digests(keys, cases(logs))
     for name in sorted(wanted.keys() | found.keys()):
         if wanted.get(name) != found.get(name):
             how = "added" if name not in wanted else "gone" if name not in found else "changed"
             raise Sim2RealError(
-                f"{keys / name} was {how} after the exam was sealed: its score would mean nothing; "
-                "make a new exam"
+                f"{keys / name} was {how} after the exam was sealed, so its score would be "
+                f"invalid; create a new exam"
             )

@@ -66,7 +66,9 @@ class EpisodeIdentifier:
         """
         task = environment.task
         if task is None:
-            raise Sim2RealError("adapt=identify replays logs in a simulated robot; there is none")
+            raise Sim2RealError(
+                "adapt=identify replays logs in a simulated robot, but there is none"
+            )
         with tempfile.TemporaryDirectory() as folder:
             model = Path(folder, "model.xml")
             model.write_text(named(task.spec()).to_xml(), encoding="utf-8")

@@ -52,7 +52,7 @@ class Journal:
                 held = {name: arrays[name] for name in arrays.files}
         except FileNotFoundError:
             raise Sim2RealError(
-                f"resume: there is no {start}; give the folder of a run of identify"
+                f"resume: no {start}; give the folder of a run of identify"
             ) from None
         except (OSError, ValueError, zipfile.BadZipFile) as error:
             raise Sim2RealError(
@@ -72,8 +72,8 @@ class Journal:
         if turn < self._known:
             if not np.array_equal(self._asked[turn], points):
                 raise Sim2RealError(
-                    f"resume: generation {turn + 1} asked other points then: settings, seed, logs "
-                    "or prior have changed; start again without resume"
+                    f"resume: generation {turn + 1} evaluated other points: settings, seed, logs "
+                    f"or prior have changed; start again without resume"
                 )
             if turn == self._known - 1 and self.score is not None:
                 self.score.load(self._state)

@@ -95,8 +95,8 @@ def prior_from_candidates(
                     found.setdefault(one.effect.label(), _spanning(one))
     if not found:
         raise Sim2RealError(
-            f"candidates={given}: the verdict is {report.verdict} and there is no cause to find a "
-            "distribution of; name effects instead, candidates=[effect, ...]"
+            f"candidates={given}: the verdict is {report.verdict} without a cause; name effects "
+            f"instead, candidates=[effect, ...]"
         )
     return check_width(Distribution(tuple(found.values())))
 
@@ -107,7 +107,7 @@ def check_width(prior: Distribution) -> Distribution:
         if not law.high > law.low:
             raise Sim2RealError(
                 f"the prior of {name} has no width (low = high = {law.low:g}), so nothing can be "
-                "found; widen it, or fix the value with effects=PATH"
+                f"estimated; widen it, or fix the value with effects=PATH"
             )
     return prior
 
@@ -138,8 +138,9 @@ def _named(names: Sequence[str], there: Sequence[Candidate]) -> list[Entry]:
     for name in names:
         if name not in known:
             raise Sim2RealError(
-                f"candidates: this robot can have no effect {name!r}{did_you_mean(name, known)}; "
-                f"there are: {', '.join(known)}"
+                f"candidates: this robot cannot have the effect "
+                f"{name!r}{did_you_mean(name, known)}; "
+                f"choose one of: {', '.join(known)}"
             )
     found: dict[str, Entry] = {}
     for one in there:

@@ -32,7 +32,7 @@ class Settings:
         "derived: neighbours are alike",
     )
     difference: float = setting(
-        5e-3, "1", "step of central differences, over the prior's width", COST
+        5e-3, "1", "step of central differences, relative to the prior's width", COST
     )
     resolution: float = setting(
         1e-4,
@@ -68,11 +68,13 @@ class Settings:
     border: float = setting(
         0.02,
         "1",
-        "distance of a mean from a bound of its prior, relative to the width, that is reported",
+        "largest reported distance of a mean from a bound of its prior, relative to the width",
         JUDGED,
     )
     step_rows: int = setting(4096, "1", "transitions simulated in one batch", COST)
-    uneven: float = setting(0.01, "1", "largest unevenness of rows, over their interval", JUDGED)
+    uneven: float = setting(
+        0.01, "1", "largest deviation of a time step, relative to the median", JUDGED
+    )
 
 
 DEFAULT = Settings()

@@ -78,9 +78,9 @@ class ContextSpec:
         lacking = [name for name in space.names if name not in ranges]
         if not space.size or lacking:
             raise Sim2RealError(
-                "transforms=with_params tells the policy what params draws, and "
+                "transforms=with_params needs parameters with known ranges: "
                 + (
-                    f"there is no known range of {lacking[0]}"
+                    f"{lacking[0]} has none; give it low and high in params"
                     if lacking
                     else "params draws nothing; choose params=NAME, such as params=mass_friction"
                 )
@@ -89,7 +89,7 @@ class ContextSpec:
         for name, least, most in zip(space.names, low, high, strict=True):
             if not most > least:
                 raise Sim2RealError(
-                    f"transforms=with_params: every robot of the training has {name} = {least:g}, "
+                    f"transforms=with_params: every robot in training has {name} = {least:g}, "
                     "so a policy cannot learn what it means; widen its range in params, or leave "
                     "it out"
                 )

@@ -58,7 +58,7 @@ class EnvironmentFactory:
     def __post_init__(self) -> None:
         if self.tasks.effects and not self.simulated:
             raise Sim2RealError(
-                f"{self.base.func.__name__} takes no effects, the tasks need "
+                f"{self.base.func.__name__} accepts no effects, but the tasks need "
                 f"{len(self.tasks.effects)}; use the environment's own tasks"
             )
 
@@ -144,8 +144,8 @@ class EnvironmentFactory:
             return self
         if not self.simulated:
             raise Sim2RealError(
-                f"effects={effects}: {self.name} simulates no robot that could have them; "
-                "leave effects out, or choose an env of the simulator, such as env=hopper"
+                f"effects={effects}: {self.name} does not simulate a robot that can have them; "
+                f"remove effects, or choose an env of the simulator, such as env=hopper"
             )
         return replace(self, fixed=load_effects(effects))
 
@@ -156,7 +156,9 @@ class EnvironmentFactory:
             Sim2RealError: a world that simulates no robot.
         """
         if not self.simulated:
-            raise Sim2RealError(f"{self.name} simulates no robot; choose one such as env=quad8")
+            raise Sim2RealError(
+                f"{self.name} does not simulate a robot; choose a task such as env=quad8"
+            )
         others = {name: value for name, value in self.base.keywords.items() if name != "task"}
         return replace(self, base=partial(self.base.func, task, *self.base.args[1:], **others))
 
@@ -201,7 +203,7 @@ class EnvironmentFactory:
             made = self._transform(one)
             if not isinstance(made, Transform):
                 raise Sim2RealError(
-                    f"transforms.{name} is a {type(made).__name__}, no transform; give a class "
+                    f"transforms.{name} is a {type(made).__name__}, not a transform; give a class "
                     "that inherits from torchrl.envs.Transform"
                 )
             self._append(env, name, made, seed)
@@ -225,7 +227,7 @@ class EnvironmentFactory:
         if lacking:
             raise Sim2RealError(
                 f"transforms.{name}: {type(transform).__name__} reads {_word(lacking[0])!r}, which "
-                f"is not there; before it there are: {', '.join(sorted(there - {'_reset'}))}"
+                f"is missing; available before it: {', '.join(sorted(there - {'_reset'}))}"
             )
         if isinstance(transform, RandomizeParams):
             transform.set_seed(seed)
@@ -238,7 +240,8 @@ class EnvironmentFactory:
         base = self.base(**given)
         if not isinstance(base, EnvBase):
             raise Sim2RealError(
-                f"env: {self.base.func.__name__} makes a {type(base).__name__}, no torchrl EnvBase"
+                f"env: {self.base.func.__name__} makes a {type(base).__name__}, not a torchrl "
+                f"EnvBase"
             )
         if tuple(base.batch_size) != (num_envs,):
             raise Sim2RealError(

@@ -63,8 +63,8 @@ class Budget:
         if self.done(algorithm):
             raise Sim2RealError(
                 f"start={start} has {algorithm.iteration} iterations and {algorithm.frames} steps "
-                f"behind it, which count; iterations={self.iterations} and frames={self.frames} "
-                f"leave none: give, say, iterations={2 * algorithm.iteration} frames=null"
+                f"already, which count; iterations={self.iterations} and frames={self.frames} "
+                f"leave none: give for example iterations={2 * algorithm.iteration} frames=null"
             )
 
     def progress(self, algorithm: Algorithm) -> Progress:
@@ -163,7 +163,7 @@ def train(
     learner = build(algorithm, parts)
     with closing(learner):
         if parts.adapt.episodes:
-            log.info("trains policies that adapt by %s", parts.adapt)
+            log.info("adaptation during training: %s", parts.adapt)
         if check is not None:
             check(learner)
         if source is None and start is not None:

@@ -111,7 +111,7 @@ class Session:
             Sim2RealError: fewer than two were.
         """
         if len(self.values) < 2:
-            raise Sim2RealError(f"bayrn: {len(self.values)} values say nothing; tell at least 2")
+            raise Sim2RealError(f"bayrn: {len(self.values)} values are too few; report at least 2")
         return int(self.expected.argmax())
 
     @property
@@ -157,7 +157,7 @@ class Session:
         begin = min(len(points), self._recipe.first)
         if state["seed"] != self._seed or not np.array_equal(points[:begin], self._points[:begin]):
             raise Sim2RealError(
-                "bayrn: what is resumed was a search of other settings; give the same seed, params "
+                "bayrn: the resumed search had other settings; give the same seed, params "
                 "and bayrn.first, or start again without resume"
             )
         self._points, self.values = points, values

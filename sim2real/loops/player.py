@@ -64,8 +64,8 @@ def _of_file(actor: LoadedPolicy, path: Path, name: str | None) -> TrainedPolicy
     kind = getattr(servo_tasks, name or "", None)
     if not (isinstance(kind, type) and issubclass(kind, ServoTask)):
         raise Sim2RealError(
-            f"{path}: the file does not say a task of a servo robot that is known here (it says "
-            f"{name}), so the policy cannot play in a simulator; give the run that trained it"
+            f"{path}: the file does not name a known task of a servo robot (it names {name}), so "
+            f"the policy cannot run in a simulator; give the run that trained it"
         )
 
     def act(observation: torch.Tensor) -> torch.Tensor:

@@ -257,7 +257,7 @@ def find(path: str | Path) -> Path:
         if files := listing(folder):
             return files[-1]
     raise CheckpointError(
-        f"{path} holds no checkpoint; give a run folder or a file checkpoint-*.torchrl"
+        f"{path} contains no checkpoint; give a run folder or a file checkpoint-*.torchrl"
     )
 
 
@@ -328,7 +328,7 @@ def check_expected(path: Path, metadata: Mapping[str, Any], expected: Mapping[st
     for key, value in here.items():
         if there.get(key) != value:
             raise CheckpointError(
-                f"checkpoint {path} has {key} {there.get(key)}, this run has {key} {value}; "
+                f"checkpoint {path} has {key} {there.get(key)}, but this run has {key} {value}; "
                 f"give the run the checkpoint's {key.split('.')[0]}, or another checkpoint"
             )
 

@@ -59,7 +59,7 @@ class Logger(ABC):
             Exception
         ) as error:  # each service has its own; whichever it is, the remedy is the same
             raise LoggerError(
-                f"logger={self.extra} could not start ({error}); repair it, or choose logger=csv"
+                f"logger={self.extra} could not start ({error}); fix it, or choose logger=csv"
             ) from error
 
     @abstractmethod

@@ -93,7 +93,7 @@ class RunFiles:
         if then and now and then.get("seed") != now.get("seed"):
             raise CheckpointError(
                 f"resume={source}: that run has seed={then.get('seed')}, this one "
-                f"seed={now.get('seed')}; a run goes on with its own: give seed={then.get('seed')}"
+                f"seed={now.get('seed')}; a run keeps its seed: give seed={then.get('seed')}"
             )
         pairs = (decisive(then), decisive(now)) if then and now else ({}, {})
         differ = [key for key, value in pairs[0].items() if value != pairs[1][key]]
@@ -102,7 +102,8 @@ class RunFiles:
                    if versions.get(name) != version]  # fmt: skip
         if differ:
             log.warning(
-                "%s differ from those of %s; what follows is not what that run would have computed",
+                "%s differ from those of %s; results will differ from those of an uninterrupted "
+                "run",
                 ", ".join(differ),
                 source,
             )

@@ -182,7 +182,7 @@ def _resampling(
         return (np.arange(len(values)),), lambda rows, axis: statistic(values[rows])
     if resample == "within_columns":
         return tuple(values.T), lambda *columns, axis: statistic(np.stack(columns, axis=-1))
-    raise StatsError(f"resample={resample!r} is unknown; it can be: rows, within_columns")
+    raise StatsError(f"resample={resample!r} is unknown; choose one of: rows, within_columns")
 
 
 def _table(values: np.ndarray, what: str) -> np.ndarray:

@@ -38,7 +38,7 @@ def open_page(path: str | Path) -> str:
     page = Path(path).expanduser()
     if not page.is_file():
         near = [one.name for one in page.parent.glob("*")] if page.parent.is_dir() else []
-        raise Sim2RealError(f"there is no page {page}{did_you_mean(page.name, near)}")
+        raise Sim2RealError(f"no page {page}{did_you_mean(page.name, near)}")
     address = page.resolve().as_uri()
     if webbrowser.open(address):
         return f"opened {address}"

@@ -31,7 +31,7 @@ def _context(width: int, height: int) -> Any:
         context.make_current()
     except (ImportError, AttributeError, RuntimeError) as error:  # as PyOpenGL and drivers fail
         raise RenderError(
-            f"{library()} makes no context in this process ({error}); {INSTALL}"
+            f"{library()} cannot create a context in this process ({error}); {INSTALL}"
         ) from error
     return context
 

@@ -63,7 +63,7 @@ def run(
     answer: Comparison | Fleet
     if units:
         if first is not None or after is not None:
-            raise Sim2RealError("units= is a fleet by itself; leave before= and after= out")
+            raise Sim2RealError("units= replaces before= and after=; remove these")
         named = [Path(path).name for path in units]
         names = named if len(set(named)) == len(named) else units
         answer = compare_fleet(dict(zip(names, units, strict=True)), **more)

@@ -42,7 +42,7 @@ def run(
         return convert(log, Path(out), joints, model)
     sources = [log] if isinstance(log, str) else list(log)
     if len(sources) != 1:
-        raise Sim2RealError(f"columns= is written for one log, {len(sources)} were given")
+        raise Sim2RealError(f"columns= needs one log, but {len(sources)} were given")
     written = write_guess(Path(sources[0]).expanduser(), Path(columns).expanduser())
     log_.info("wrote %s; read it over, then use the log as it is", written)
     return [written]

@@ -112,14 +112,14 @@ def run(
         raise Sim2RealError(f"by={by} is none of {', '.join(WAYS)}")
     if log and (target is not None or by == "returns"):
         raise Sim2RealError(
-            "log= is of a servo robot whose logs are diagnosed; leave it, target= or by=returns out"
+            "log= needs a servo robot and a diagnosis; remove log=, target= or by=returns"
         )
     if model is not None and not log:
-        raise Sim2RealError("model= is of the logs that a loop starts from; give log=PATH with it")
+        raise Sim2RealError("model= needs the logs that the loop starts from; give log=PATH")
     site: RobotSetup | Target
     if target is not None:
         if port is not None:
-            raise Sim2RealError("target= stands for the robot: leave port= out, or target=")
+            raise Sim2RealError("target= replaces the robot; remove port= or target=")
         site = Target(parts.environment.with_base(target), parts.environment, trials, seed)
     else:
         machine = deploy.configure_robot(robot, port, calibration, imu_port)

@@ -117,7 +117,7 @@ def show_log(
         Sim2RealError: a viewer without a log or a log without a viewer.
     """
     if log is None or viewer is None:
-        raise Sim2RealError("a log is shown by a viewer: give both log=PATH and viewer=rerun")
+        raise Sim2RealError("log= and viewer= belong together: give both log=PATH and viewer=rerun")
     logs = read_logs(log)
     specs = [load_model(one, model) for one in logs]
     specs = [specs[0]] * len(logs)

@@ -33,7 +33,7 @@ def test_what_is_not_there_is_said() -> None:
     """A missing package, an unknown id, and mjlab, which needs another MuJoCo."""
     with pytest.raises(TaskError, match=r"Door-v1 needs no_such_one; .*install no-such-one"):
         gymnasium(1, "cpu", "Door-v1", "no_such_one")
-    with pytest.raises(TaskError, match=r"env\.id=Pendulum-v77: .*env\.package names"):
+    with pytest.raises(TaskError, match=r"env\.id=Pendulum-v77: .*env\.package must name"):
         gymnasium(1, "cpu", "Pendulum-v77")
     with pytest.raises(TaskError, match=r"needs MuJoCo 3\.11 where sim2real needs MuJoCo 4.*mjlab"):
         mjlab(4, "cpu", "Mjlab-Cartpole-Balance")

@@ -123,10 +123,14 @@ def test_fixed_effects_come_first_and_are_no_parameters() -> None:
 
 def test_fixed_and_drawn_that_do_not_compose_are_refused() -> None:
     """Setting over a fixed value, or one play inside another, is an error with its remedy."""
-    with pytest.raises(EffectError, match=r"link_mass.link is fixed and drawn.*how: add or scale"):
+    with pytest.raises(
+        EffectError, match=r"link_mass.link is both fixed and drawn.*how: add or scale"
+    ):
         fixed = [(make("link_mass", where="link"), (0.1,))]
         plant([make("link_mass", where="link", how="set")], fixed=fixed)
-    with pytest.raises(EffectError, match=r"backlash.hinge is fixed and drawn.*take it out of one"):
+    with pytest.raises(
+        EffectError, match=r"backlash.hinge is both fixed and drawn.*remove it from one"
+    ):
         fixed = [(make("backlash", where="hinge"), (0.1,))]
         plant([make("backlash", where="hinge")], fixed=fixed)
     with pytest.raises(EffectError, match=r"backlash.hinge is fixed twice"):
@@ -285,5 +289,5 @@ def test_a_model_that_sleeps_is_simulated_awake() -> None:
         paths.append(rows.qpos.copy())
     assert np.array_equal(*paths)
     other = asleep.replace("sleep", "ipc").replace("<option", '<option integrator="discrete"')
-    with pytest.raises(TaskError, match=r'<flag ipc="enable"/>, whose contacts remember'):
+    with pytest.raises(TaskError, match=r'<flag ipc="enable"/>, whose contacts have'):
         Plant(mujoco.MjSpec.from_string(other), (), 2, 1)

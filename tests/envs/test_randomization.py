@@ -105,7 +105,7 @@ def test_spaces_must_fit() -> None:
         tasks.sample(np.random.default_rng(0), 1)
     with pytest.raises(ParameterError, match="made without it"):
         tasks.check(space(FRICTION))
-    with pytest.raises(ParameterError, match="has 2 parameters, the draws make 1"):
+    with pytest.raises(ParameterError, match="has 2 parameters, but the draws have 1"):
         tasks.check(space(MASS, FRICTION))
     with pytest.raises(ParameterError, match="per='episode' is unknown"):
         Randomization([], per="episode")  # type: ignore[arg-type]

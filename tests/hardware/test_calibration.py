@@ -122,8 +122,8 @@ def test_files_of_schema_1(tmp_path):
         (Calibration({"hinge": Joint(1, 0, 0, 1, 4000)}, "quad8"), "made on 'quad8', not on 'b"),
         (Calibration({"hing": Joint(1, 0, 0, 1, 4000)}, "bench1"), r"'hing' \(did you mean 'hinge"),
         (Calibration({}), "lacks the joint 'hinge'"),
-        (Calibration({"hinge": Joint(2, 0, 0, 1, 4000)}), r"servo 2 .*, the robot has servo 1"),
-        (Calibration({"hinge": Joint(1, 0, 0, 4000, 4095, zero=2048)}), "nothing in common"),
+        (Calibration({"hinge": Joint(2, 0, 0, 1, 4000)}), r"servo 2 .*, but the robot has servo 1"),
+        (Calibration({"hinge": Joint(1, 0, 0, 4000, 4095, zero=2048)}), "do not overlap"),
     ],
 )
 def test_another_robots_is_refused(calibration, message):
@@ -142,7 +142,7 @@ def test_another_robots_is_refused(calibration, message):
         ('{"schema": 2, "joints": []}', r"joints: \[\] is not a table"),
         (
             '{"h": {"id":1,"drive_mode":2,"homing_offset":0,"range_min":5,"range_max":9}}',
-            "drive_mode is 2; it can be 0 or 1",
+            "drive_mode is 2; expected 0 or 1",
         ),
         (
             '{"h": {"id":1,"drive_mode":0,"homing_offset":0,"range_min":5,"range_max":9,"sign":0}}',
@@ -164,7 +164,7 @@ def test_damaged_files(tmp_path, text, message):
 
 
 @pytest.mark.parametrize(
-    ("zero", "message"), [(99999, "nothing in common"), (float("nan"), "zero is nan, not a count")]
+    ("zero", "message"), [(99999, "do not overlap"), (float("nan"), "zero is nan, not a count")]
 )
 def test_a_zero_that_cannot_be_is_refused(tmp_path, zero, message):
     """Limits that are no numbers would hold nothing: a zero far away or of NaN is no zero."""

@@ -62,9 +62,9 @@ def test_counts_and_angles_are_inverse():
         (("bus", "speed"), 1, r"bus: unknown key 'speed'"),
         (("supply",), 5, r"supply: 5 is not a table"),
         (("servos",), {}, r"at least one"),
-        (("servos", "hinge", "sign"), 2, r"servos.hinge: sign 2; it can be 1 or -1"),
+        (("servos", "hinge", "sign"), 2, r"servos.hinge: sign 2; expected 1 or -1"),
         (("servos", "hinge", "zero"), 99999, r"servos.hinge: zero 99999; a turn .* 4096 counts"),
-        (("servos", "hinge", "id"), 253, r"id 253; it can be 0 to 251"),
+        (("servos", "hinge", "id"), 253, r"id 253; expected 0 to 251"),
         (("servos", "hinge", "position"), [1, -1], r"position \[1.0, -1.0\]"),
         (("servos", "hinge", "position"), 1, r"1 is not a pair of numbers"),
         (("servos", "hinge", "model"), "xl330-m280", r"unknown servo type.*'xl330-m288'"),
@@ -73,7 +73,7 @@ def test_counts_and_angles_are_inverse():
         (("servo",), 8.0, r"servo: 8.0 is not a table"),
         (("registers", "position_gain"), 1, r"no register 'position_gain' \(did you mean"),
         (("registers", "present_position"), 1, r"'present_position' can only be read"),
-        (("watchdog",), 3, r"watchdog: 3.0 s; it can be 0 \(off\) to 2.54"),
+        (("watchdog",), 3, r"watchdog: 3.0 s; expected 0 \(off\) to 2.54"),
     ],
 )
 def test_refuses(path, value, message):
@@ -91,10 +91,10 @@ def test_missing_key_duplicate_id_and_unknown_robot():
     """A missing key, an ID used twice and an unknown robot are refused."""
     data = copy.deepcopy(BENCH)
     data["servos"]["knee"] = data["servos"]["hinge"]
-    with pytest.raises(RobotError, match=r"servos.hinge: id 1 is taken"):
+    with pytest.raises(RobotError, match=r"servos.hinge: id 1 is not unique"):
         make_robot(data)
     del data["servos"]["knee"]["zero"]
     with pytest.raises(RobotError, match=r"servos.hinge: the key 'zero' is missing"):
         make_robot(data)
-    with pytest.raises(RobotError, match=r"no robot 'bench' \(did you mean 'bench1'"):
+    with pytest.raises(RobotError, match=r"unknown robot 'bench' \(did you mean 'bench1'"):
         load_robot("bench")

@@ -263,7 +263,7 @@ def test_nan_is_refused():
     assert step.failed[0]
     assert "is not 1 finite angles" in str(rows.stopped)
     assert powered(backend) == [False]
-    with pytest.raises(SafetyError, match="no episode is going on"):
+    with pytest.raises(SafetyError, match="no episode is in progress"):
         rows.step(None, np.zeros((1, 1)))
     rows.close()
 

@@ -84,7 +84,10 @@ def test_views():
         (HEADER + "0,0,1,1\n0,1,1,1\n0,0.5,1,1\n", r"row 2 \(line 4\), column 'time': time runs"),
         (HEADER + "0,0,1,1\n0,1,1,1\n0,1,1,1\n", r"row 2 \(line 4\), column 'time': time repeats"),
         (HEADER + "0,0,1,1\n0,1,1,1\n1,0,1,1\n", r"row 2 \(line 4\).*episode 1 has 1 row"),
-        (HEADER + "0,0,1,1\n0,1,1,1\n1,0,1,1\n1,1,1,1\n0,2,1,1\n0,3,1,1\n", r"row 4.*0 comes back"),
+        (
+            HEADER + "0,0,1,1\n0,1,1,1\n1,0,1,1\n1,1,1,1\n0,2,1,1\n0,3,1,1\n",
+            r"row 4.*0 occurs again",
+        ),
         (HEADER + "0.5,0,1,1\n0.5,1,1,1\n", r"column 'episode': 0.5 is not a whole number"),
         (HEADER + "0,0,1,1e300\n0,1,1,1\n", r"\(line 2\), column 'qpos.hinge': 1e\+300 is no"),
         (
@@ -95,12 +98,12 @@ def test_views():
         (HEADER.replace(",", ";") + "0;0;1,5;1\n0;1;1;1\n", "'1,5' is not a number; write decimal"),
         ("a" * 300_000 + "\n1\n", "the first line names no columns"),
         ("x," * 600_000 + "\n1\n", "the first line has 1,000,000 characters or more"),
-        ("x," * 200_000 + "y\n1\n", "column 'x' is there 200000 times"),
+        ("x," * 200_000 + "y\n1\n", "column 'x' occurs 200000 times"),
         (HEADER, r"has no rows"),
-        (HEADER + "-,s,rad,rad\n0,0,1,1\n0,1,1,1\n", r"row 0 \(line 2\): there is no number in it"),
-        ("0,0,1,1\n0,1,1,1\n", "the first line holds no names but numbers; write episode,time"),
+        (HEADER + "-,s,rad,rad\n0,0,1,1\n0,1,1,1\n", r"row 0 \(line 2\): no number in it"),
+        ("0,0,1,1\n0,1,1,1\n", "the first line contains numbers, not names; write episode,time"),
         ("", r"the file is empty"),
-        ("episode,time,time,ctrl.a,qpos.a\n", r"'time' is there 2 times"),
+        ("episode,time,time,ctrl.a,qpos.a\n", r"'time' occurs 2 times"),
     ],
 )
 def test_refuses(tmp_path, text, message):
@@ -181,7 +184,7 @@ def test_files_folders_and_lists(tmp_path):
     with pytest.raises(LogError, match="empty list"):
         read_logs([])
     (tmp_path / "empty").mkdir()
-    with pytest.raises(LogError, match="holds no log"):
+    with pytest.raises(LogError, match="contains no log"):
         read_logs(tmp_path / "empty")
 
 

@@ -184,7 +184,7 @@ def test_a_servo_that_dies_on_one_bus_stops_all():
     ("changes", "message"),
     [
         ({"bus": {}}, "it has both bus and buses"),
-        ({"buses": {}}, "there is at least one"),
+        ({"buses": {}}, "expected at least one"),
         ({"buses": {"a": {"baud": 1000000}}}, "the key 'return_delay' is missing"),
         ({"port": "/dev/a"}, "port: '/dev/a' for 2 buses .'dynamixel', 'feetech'.; each has one"),
         ({"port": ["/dev/a", "/dev/a"]}, "each bus needs its own port"),
@@ -202,7 +202,7 @@ def test_what_several_buses_cannot_be(changes, message):
     [
         ({"bus": "left"}, "bus 'left': the robot has no such bus; give one of 'dynamixel', 'feet"),
         ({"bus": "feetech", "registers": {}}, "it has no servo; each servo's key bus"),
-        ({"id": 300}, "id 300; it can be 0 to 251"),
+        ({"id": 300}, "id 300; expected 0 to 251"),
     ],
 )
 def test_where_a_servo_cannot_be(servo, message):
@@ -220,7 +220,7 @@ def test_a_bus_has_one_maker_and_ids_of_its_own():
     with pytest.raises(RobotError, match=r"buses.feetech: servos of .* on one bus"):
         make_robot(data | {"servos": both})
     twice = {**data["servos"], "other": data["servos"]["hinge"]}
-    with pytest.raises(RobotError, match="id 1 is taken; each has its own on its bus"):
+    with pytest.raises(RobotError, match="id 1 is not unique on its bus"):
         make_robot(data | {"servos": twice})
     with pytest.raises(RobotError, match="bus 'left': the robot has no such bus; leave it out"):
         hinge = bench_data()["servos"]["hinge"]

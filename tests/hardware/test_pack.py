@@ -41,9 +41,9 @@ def test_what_cannot_be_packed(first, capsys):
     (first.parent / "there.zip").write_text("kept")
     (first.parent / "empty").mkdir()
     for words, sentence in (
-        (["folder=none", "file=a.zip"], "there is no such folder"),
+        (["folder=none", "file=a.zip"], "no such folder"),
         (["folder=empty", "file=a.zip"], "nothing in it ends in .csv"),
-        (["folder=first", "file=there.zip"], "is there already"),
+        (["folder=first", "file=there.zip"], "exists; remove it"),
         (["folder=first"], "file= is missing"),
     ):
         assert commands.main(["pack", *words]) == 2

@@ -83,7 +83,7 @@ def test_the_port_that_goes_with_the_cable():
     assert go([U2D2, BOARD, BUILT_IN], [U2D2, BUILT_IN]) == "/dev/ttyACM0"
     assert len(asked) == 1
     assert told[-1] == "the robot is at /dev/ttyACM0: give port=/dev/ttyACM0"
-    with pytest.raises(SerialPortError, match="0 ports went with the cable"):
+    with pytest.raises(SerialPortError, match="0 ports disappeared with the cable"):
         go([U2D2, BOARD], [U2D2, BOARD])
     with pytest.raises(SerialPortError, match="no serial port is there: plug the adapter in"):
         go([])

@@ -136,7 +136,7 @@ def test_a_servo_that_does_not_keep_a_value_is_told(chain, monkeypatch):
     monkeypatch.setattr(
         bench.client, "write", lambda n, at, data: None if at == 8 else write(n, at, data)
     )
-    with pytest.raises(ServoError, match=r"hinge1.* does not answer by its new ID and speed"):
+    with pytest.raises(ServoError, match=r"hinge1.* does not answer at its new ID and speed"):
         bench.go()
 
 

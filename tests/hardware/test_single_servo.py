@@ -44,7 +44,7 @@ def test_write(world, capsys):
     assert commands.main([*line, "register=temperature_limit", "value=60"]) == 0
     assert world().servos[1].memory["temperature_limit"] == 60
     assert commands.main([*line, "register=id", "value=1"]) == 1
-    assert "a servo answers as 1 already" in capsys.readouterr().err
+    assert "a servo already has the ID 1" in capsys.readouterr().err
     assert commands.main([*line, "register=id", "value=7"]) == 0
     assert world().servos[1].id == 7
 
@@ -70,7 +70,7 @@ def test_a_servo_with_torque_is_not_written_to(world, capsys):
     [
         (["servo=elbo", "register=id", "value=1"], "no such servo (did you mean 'elbow'?)"),
         (["servo=elbow", "register=idd", "value=1"], "no register 'idd' (did you mean 'id'?)"),
-        (["servo=elbow", "register=id", "value=300"], "id = 300; it can be 0 to 252"),
+        (["servo=elbow", "register=id", "value=300"], "id = 300; expected 0 to 252"),
         (["servo=elbow", "register=led", "value=1.5"], "registers hold whole numbers"),
         (["servo=elbow", "register=present_position", "value=1"], "can only be read"),
         (["servo=elbow", "register=torque_enable", "value=1"], "python -m hardware torque"),

@@ -63,9 +63,9 @@ def test_a_value_beyond_its_range_is_refused_before_anything_is_asked():
     """A robot's file cannot ask for what its servo would refuse."""
     data = bench_data(registers={"current_limit": 1750, "position_p_gain": 800})
     make_robot(data)
-    with pytest.raises(RobotError, match=r"current_limit = 1751; it can be 0 to 1750"):
+    with pytest.raises(RobotError, match=r"current_limit = 1751; expected 0 to 1750"):
         make_robot(bench_data(registers={"current_limit": 1751}))
-    with pytest.raises(RobotError, match=r"pwm_slope = 0; it can be 1 to 255"):
+    with pytest.raises(RobotError, match=r"pwm_slope = 0; expected 1 to 255"):
         make_robot(bench_data(registers={"pwm_slope": 0}))
 
 

@@ -154,7 +154,7 @@ def test_nothing_is_asked_for_a_file_that_cannot_be_made(desk, tmp_path, capsys)
     bare = tmp_path / "bare.xml"
     bare.write_text("<mujoco/>")
     for line, sentence in (
-        (words(desk, there), "is there already"),
+        (words(desk, there), "exists; choose another name"),
         (words(desk, tmp_path / "arm.json"), "ends in .yaml"),
         ([*words(desk, tmp_path / "a.yaml"), f"model={bare}"], "has no actuators"),
     ):

@@ -281,5 +281,5 @@ def test_a_page_is_viewed_without_a_run(run: Run, tmp_path: Path, monkeypatch, c
     assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
     assert run("view", "report.html", "seed=1") == 2
     assert run("view", "other.html") == 2
-    assert "there is no page other.html" in capsys.readouterr().err
+    assert "no page other.html" in capsys.readouterr().err
     assert len(opened) == 1

@@ -97,7 +97,7 @@ def motor_constants(name: str) -> ServoMotorConstants:
     if name not in KINDS:
         raise TaskError(
             f"the servo type {name!r} is not simulated{did_you_mean(name, KINDS)};"
-            f" there are: {', '.join(KINDS)}"
+            f" choose one of: {', '.join(KINDS)}"
         )
     return KINDS[name]
 
@@ -148,8 +148,8 @@ def servo(
     d_gain = registers.get("position_d_gain", 0)
     if d_gain and motor.derivative is None:
         raise TaskError(
-            f"{actuator.name}: position_d_gain={d_gain} of a {name} is not simulated, for its scale"
-            " is not known; set it to 0"
+            f"{actuator.name}: position_d_gain={d_gain} of a {name} is not simulated, because its "
+            f"scale is unknown; set it to 0"
         )
     full = volts * motor.constant / motor.resistance  # N·m at full duty
     duty = full / motor.full / COUNT  # N·m/rad for a gain of one PWM step a count

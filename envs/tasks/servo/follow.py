@@ -46,7 +46,7 @@ class Follow(ServoTask):
     ) -> None:
         if model is None or not any(p.is_file() for p in (Path(model), ASSETS / model)):
             raise TaskError(
-                f"Follow: there is no model {model!r}; give env.task.model=PATH, the robot's MJCF"
+                f"Follow: no model {model!r}; give env.task.model=PATH, the robot's MJCF"
             )
         path = Path(model).resolve() if Path(model).is_file() else ASSETS / model
         self.asset = str(path)  # type: ignore[misc]

@@ -78,5 +78,5 @@ def _read(robot: str) -> Mapping[str, Any]:
     if not path.is_file():
         known = sorted(file.stem for file in ROBOTS.glob("*.yaml"))
         hint = did_you_mean(robot, known)
-        raise TaskError(f"there is no robot {robot!r}{hint}; there are: {', '.join(known)}")
+        raise TaskError(f"unknown robot {robot!r}{hint}; choose one of: {', '.join(known)}")
     return yaml.safe_load(path.read_text(encoding="utf-8"))

@@ -88,7 +88,9 @@ def closed_loop_of(
         return None
     if actor is None and len(named) > 1:
         policies = ", ".join(sorted(map(str, named)))
-        raise Sim2RealError(f"the logs are of several policies ({policies}); diagnose those of one")
+        raise Sim2RealError(
+            f"the logs belong to several policies ({policies}); diagnose one policy at a time"
+        )
     own = [log for log in logs if "action.0" in log.columns] or list(logs)
     if actor is None:
         own = [log for log in logs if place_of(log, "policy")]
@@ -146,14 +148,15 @@ def check_closed_loop(
 def _refuse(robot: Sequence[Episode], player: Player, settings: ClosedLoopSettings) -> None:
     if len(robot) < FEW:
         raise Sim2RealError(
-            f"the policy's logs hold {len(robot)} episode; the robot's distance from itself needs "
+            f"the policy's logs contain {len(robot)} episode; the robot's distance from itself "
+            f"needs "
             f"at least {FEW}: record more episodes of the policy"
         )
     step = float(np.median([one.step for one in robot]))
     if abs(step / player.step - 1) > settings.rate_error:
         raise Sim2RealError(
             f"the log has a row every {step:.4g} s, and the policy {player.name} acts every "
-            f"{player.step:.4g} s; give the policy that wrote the log"
+            f"{player.step:.4g} s; give the policy that ran during the recording"
         )
 
 

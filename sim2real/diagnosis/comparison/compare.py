@@ -116,8 +116,8 @@ def compare_fleet(
     """
     if len(units) < UNITS_MIN:
         raise Sim2RealError(
-            f"units: {len(units)} robots; of fewer than {UNITS_MIN} nobody can say which one "
-            "deviates; give before= and after= for two"
+            f"units: expected at least {UNITS_MIN} robots, got {len(units)}; with two robots, give "
+            "before= and after="
         )
     logs = {name: _read(own, f"units.{name}") for name, own in units.items()}
     names = _names(watch, limits, settings)
@@ -357,7 +357,7 @@ def _read(logs: Logs, what: str) -> list[Log]:
         return read_logs(logs)
     found = [log for one in logs for log in ([one] if isinstance(one, Log) else read_logs(one))]
     if not found:
-        raise Sim2RealError(f"{what}: there are no logs; give {what}=PATH")
+        raise Sim2RealError(f"{what}: no logs; give {what}=PATH")
     return found
 
 
@@ -371,8 +371,8 @@ def _names(
             if name not in EFFECTS or not EFFECTS[name].visible_in_replay:
                 known = sorted(n for n, e in EFFECTS.items() if e.visible_in_replay)
                 raise Sim2RealError(
-                    f"{what}: {name!r} is no effect that a motion shows"
-                    f"{did_you_mean(name, known)}; there are: {', '.join(known)}"
+                    f"{what}: {name!r} is not an effect that a motion can show"
+                    f"{did_you_mean(name, known)}; choose one of: {', '.join(known)}"
                 )
     for name, limit in (limits or {}).items():
         if isinstance(limit, bool) or not isinstance(limit, int | float) or not limit > 0:

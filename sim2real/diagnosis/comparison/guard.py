@@ -37,13 +37,13 @@ def read_guard(path: str | Path) -> dict[str, Any]:
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise GuardError(f"{path}: this cannot be read ({' '.join(str(error).split())})") from None
+        raise GuardError(f"{path}: cannot be read ({' '.join(str(error).split())})") from None
     if not isinstance(content, dict):
-        raise GuardError(f"{path}: a mapping of {', '.join(KEYS)} was expected")
+        raise GuardError(f"{path}: expected a mapping of {', '.join(KEYS)}")
     for key in content:
         if key not in KEYS:
             hint = did_you_mean(str(key), KEYS)
-            raise GuardError(f"{path}: there is no key {key!r}{hint}; keys are {', '.join(KEYS)}")
+            raise GuardError(f"{path}: unknown key {key!r}{hint}; keys are {', '.join(KEYS)}")
     if not content.get("recording"):
         raise GuardError(f"{path}: recording is missing; name the logs of the robot as it was")
     kinds = {"remounted": (bool, "true or false"), "limits": (dict, "a mapping of effects")}
@@ -65,6 +65,6 @@ def _beside(path: Path, value: Any, key: str) -> str | list[str]:
     for one in several:
         place = path.parent / Path(str(one)).expanduser()
         if not place.exists():
-            raise GuardError(f"{path}: {key}={one}: there is no such file or folder")
+            raise GuardError(f"{path}: {key}={one}: no such file or folder")
         found.append(str(place))
     return found if isinstance(value, list) else found[0]

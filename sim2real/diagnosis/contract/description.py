@@ -160,7 +160,7 @@ def read_description(
     made = ActionLaw(*_action(place, action, count, pose))
     if pose is None and relative:
         raise ContractError(
-            f"{place}: default_pose is missing, and joint_position is taken from it; give the "
+            f"{place}: default_pose is missing, but joint_position is relative to it; give the "
             "angle of each joint [rad], or relative: false in the term"
         )
     size = sum(term.size for term in terms) * history.length
@@ -186,12 +186,12 @@ def _load(path: str | Path) -> tuple[dict[str, Any], str]:
         given = yaml.safe_load(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError):
         raise ContractError(
-            f"{name}: there is no such description{did_you_mean(name, READY)}; give a file, or one "
+            f"{name}: no such description{did_you_mean(name, READY)}; give a file, or one "
             f"of {', '.join(READY)}"
         ) from None
     except yaml.YAMLError as error:
         words = " ".join(str(error).split())
-        raise ContractError(f"{name}: this is no YAML ({words})") from None
+        raise ContractError(f"{name}: invalid YAML ({words})") from None
     if not isinstance(given, Mapping):
         raise ContractError(f"{name}: expected a mapping (docs/how-to/check_policy_interface.md)")
     base = given.get("base")
@@ -200,7 +200,7 @@ def _load(path: str | Path) -> tuple[dict[str, Any], str]:
     if base not in READY:
         hint = did_you_mean(str(base), READY)
         raise ContractError(
-            f"{name}: base {base!r} is unknown{hint}; it can be: {', '.join(READY)}"
+            f"{name}: base {base!r} is unknown{hint}; choose one of: {', '.join(READY)}"
         )
     return _merged(_load(base)[0], given), name
 

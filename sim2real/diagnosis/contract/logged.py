@@ -160,7 +160,7 @@ def described_by(logs: Sequence[Log], task: str | None = None) -> str | Path:
     if len(tasks) != 1 or not found:
         what = ", ".join(sorted(map(str, tasks))) or "no task"
         raise ContractError(
-            f"the logs and the policy name {what}, which no ready-made description belongs to; "
+            f"the logs and the policy name {what}, which has no preset description; "
             "give observation=OBS.yaml (docs/how-to/check_policy_interface.md)"
         )
     return found[0]
@@ -218,7 +218,7 @@ def _policy(
 def _refuse_size(policy: Policy, about: Description, place: str | Path | None) -> None:
     if policy.size not in (None, about.size):
         raise ContractError(
-            f"{place}: the policy takes {policy.size} numbers, and {about.name} describes "
+            f"{place}: the policy takes {policy.size} numbers, but {about.name} describes "
             f"{about.size}: {about.says_sizes()}; correct the description's terms"
         )
 

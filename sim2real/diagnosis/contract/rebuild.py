@@ -78,9 +78,9 @@ def site_of(term: Term, rows: Rows, kind: str) -> str:
         return term.site
     found = sorted({n.split(".")[1] for n in rows.columns if n.startswith(f"{kind}.")})
     if len(found) != 1:
-        what = f"the sites {', '.join(found)}" if found else "no IMU's"
+        what = f"the sites {', '.join(found)}" if found else "none"
         raise ContractError(
-            f"{rows.place}: {term.kind} needs the columns {kind}.<site>, and the log has {what}; "
+            f"{rows.place}: {term.kind} needs the columns {kind}.<site>, but the log has {what}; "
             "log them, give the term a site, or describe it as {term: other, size: "
             f"{term.size}}}"
         )
@@ -99,8 +99,8 @@ def orientation(term: Term, rows: Rows) -> np.ndarray:
     bad = np.flatnonzero(np.abs(length - 1) > UNIT_SLACK)
     if bad.size:
         raise ContractError(
-            f"{rows.place}, row {bad[0]}, quat.{site}: the length is {length[bad[0]]:.3g}, and "
-            "that of an orientation is 1; log unit quaternions, w first"
+            f"{rows.place}, row {bad[0]}, quat.{site}: the length is {length[bad[0]]:.3g}, but "
+            f"that of an orientation is 1; log unit quaternions, w first"
         )
     return turn
 
@@ -183,7 +183,7 @@ def _check_gravity(body: np.ndarray, rows: Rows, site: str) -> None:
         else ("a robot on the ground measures about 9.81; correct the unit, or log one that stands")
     )
     raise ContractError(
-        f"{rows.place}: accelerometer.{site} has the median length {size:.3g} m/s², and {what}"
+        f"{rows.place}: accelerometer.{site} has a median magnitude of {size:.3g}; {what}"
     )
 
 

@@ -64,7 +64,7 @@ class Rows:
         for name in names:
             if name not in self.columns:
                 raise ContractError(
-                    f"{self.place}: there is no column {name!r}"
+                    f"{self.place}: unknown column {name!r}"
                     f"{did_you_mean(name, self.columns)}, which the description needs; log it, or "
                     "correct the description"
                 )

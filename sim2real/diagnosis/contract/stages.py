@@ -61,7 +61,7 @@ def check_observation(rows: Rows, about: Description, limits: Contract) -> Stage
         return stage
     if seen.shape[1] != about.size:
         raise ContractError(
-            f"{rows.place}: an observation has {seen.shape[1]} numbers, and {about.name} describes "
+            f"{rows.place}: an observation has {seen.shape[1]} numbers, but {about.name} describes "
             f"{about.size}: {about.says_sizes()}; correct the description's terms"
         )
     seen, wrong = _unnormalized(seen, rows, about, limits)
@@ -146,12 +146,12 @@ def actions_of(rows: Rows, about: Description) -> np.ndarray:
     done = rows.numbered("action")
     if done is None:
         raise ContractError(
-            f"{rows.place}: the log has no actions; log what the policy said as action.0, "
+            f"{rows.place}: the log has no actions; log the policy's output as action.0, "
             "action.1, …, before scale and limits"
         )
     if done.shape[1] != about.action.size:
         raise ContractError(
-            f"{rows.place}: an action has {done.shape[1]} numbers, and {about.name} describes "
+            f"{rows.place}: an action has {done.shape[1]} numbers, but {about.name} describes "
             f"{about.action.size}; correct action.size or the joints"
         )
     return done
@@ -185,7 +185,7 @@ def check_policy(
     ways = _policy_ways(rows, seen, actor, limits, normalizer)
     if ways[0].values.shape != done.shape:
         raise ContractError(
-            f"the policy returns {ways[0].values.shape[1]} actions, and {rows.place} has "
+            f"the policy returns {ways[0].values.shape[1]} actions, but {rows.place} has "
             f"{done.shape[1]}; give the policy of this log"
         )
     elements = [str(i) for i in range(done.shape[1])]

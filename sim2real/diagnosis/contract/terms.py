@@ -113,12 +113,12 @@ def make_term(
     """
     if not isinstance(given, Mapping) or "term" not in given:
         raise ContractError(
-            f"{place}: {given!r} is no term; write {{term: gyro, scale: 0.25}}, say"
+            f"{place}: {given!r} is not a term; write for example {{term: gyro, scale: 0.25}}"
         )
     kind = given["term"]
     if kind not in KINDS:
         raise ContractError(
-            f"{place}: there is no term {kind!r}{did_you_mean(str(kind), KINDS)}; it can be: "
+            f"{place}: unknown term {kind!r}{did_you_mean(str(kind), KINDS)}; choose one of: "
             f"{', '.join(KINDS)}"
         )
     place = f"{place} ({kind})"
@@ -144,7 +144,7 @@ def check_keys(place: str, given: Mapping[str, Any], allowed: tuple[str, ...]) -
     for key in given:
         if key not in allowed:
             raise ContractError(
-                f"{place}: there is no key {key!r}{did_you_mean(str(key), allowed)}; it can be: "
+                f"{place}: unknown key {key!r}{did_you_mean(str(key), allowed)}; choose one of: "
                 f"{', '.join(allowed)}"
             )
 
@@ -182,7 +182,7 @@ def _joints(place: str, given: Any, joints: tuple[str, ...]) -> tuple[str, ...]:
     for name in given:
         if name not in joints:
             raise ContractError(
-                f"{place}: there is no joint {name!r}{did_you_mean(str(name), joints)}; it can be: "
+                f"{place}: unknown joint {name!r}{did_you_mean(str(name), joints)}; choose one of: "
                 f"{', '.join(joints)}"
             )
     return tuple(given)
@@ -240,5 +240,7 @@ def choice(place: str, given: Any, allowed: tuple[str, ...]) -> Any:
     """Return one of the allowed words; raises ContractError for any other."""
     if given not in allowed:
         hint = did_you_mean(str(given), allowed)
-        raise ContractError(f"{place}: {given!r} is unknown{hint}; it can be: {', '.join(allowed)}")
+        raise ContractError(
+            f"{place}: {given!r} is unknown{hint}; choose one of: {', '.join(allowed)}"
+        )
     return given

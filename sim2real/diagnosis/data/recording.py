@@ -67,7 +67,7 @@ def _check_compiles(path: Path, changed: int) -> None:
     try:
         load_spec(path).compile()
     except ValueError as error:
-        raise Sim2RealError(f"{path}: {' '.join(str(error).split())}; mend the model") from None
+        raise Sim2RealError(f"{path}: {' '.join(str(error).split())}; fix the model") from None
 
 
 def with_bus_delay(spec: mujoco.MjSpec, log: Log) -> mujoco.MjSpec:

@@ -29,7 +29,7 @@ def refuse_loose_base(log: Log, model: mujoco.MjModel, joints: Sequence[str]) ->
             name = model.joint(i).name or model.body(int(model.jnt_bodyid[i])).name
             raise Sim2RealError(
                 f"{log.path or 'the log'}: the model's base {name!r} is free, and `{missing[0]}` "
-                f"is not logged: where it was when the recording's pieces begin is not known. Log "
+                f"is not logged: its initial pose in each piece of the recording is unknown. Log "
                 f"`{columns[0]}` to `{columns[-1]}` (motion capture, an estimator), and `qvel` if "
                 "you can; or hold the base still while you record, and give a model whose base is "
                 "fixed"
@@ -44,7 +44,7 @@ def refuse_clock(log: Log, settings: Settings = DEFAULT) -> None:
         factor = THOUSAND if step < least else 1 / THOUSAND
         raise Sim2RealError(
             f"{log.path or 'the log'}: its rows are {step:.4g} s apart, not {least:g} to {most:g} "
-            f"s; `time` is in seconds, multiply it by {factor:g} or by what its unit needs"
+            f"s; convert `time` to seconds, for example multiply it by {factor:g}"
         )
 
 

@@ -65,8 +65,8 @@ def stateful(model: mujoco.MjModel) -> Sequence[int]:
         kind = mujoco.mjtDyn(int(model.actuator_dyntype[i])).name.removeprefix("mjDYN_").lower()
         if model.actuator_dyntype[i] not in (INTEGRATOR, *FILTERS) or model.actuator_actnum[i] != 1:
             raise Sim2RealError(
-                f"the actuator {model.actuator(i).name!r} has a state ({kind}) that no log tells: "
-                "give a model in which it has none, such as <position> or <motor>"
+                f"the actuator {model.actuator(i).name!r} has a state ({kind}) that no log "
+                f"contains; give a model without it, such as <position> or <motor>"
             )
     return found
 

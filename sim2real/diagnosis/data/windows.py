@@ -110,8 +110,8 @@ def cut(
     if empty:
         place = logs[empty[0]].path or f"log {empty[0] + 1} of {len(logs)}"
         raise Sim2RealError(
-            f"{place}: no piece of its {len(logs[empty[0]])} rows can be compared: it is too short "
-            f"to be cut, or {BLOCKED} is set in most of it; record a few seconds, or leave it out"
+            f"{place}: no piece of its {len(logs[empty[0]])} rows can be compared: it is too "
+            f"short, or {BLOCKED} is set in most rows; record a few seconds, or remove it"
         )
     return windows
 

@@ -35,7 +35,8 @@ def estimate_all(logs: Sequence[Log], model: str | Path | None, settings: Ground
         held = next(log for log, one in zip(logs, found, strict=True) if one is None)
         loose = next(one for one in made)
         raise Sim2RealError(
-            f"{held.path or 'a log'} holds the base's position and {loose.log.path or 'another'} "
-            "does not: diagnose logs of one kind together"
+            f"{held.path or 'a log'} contains the base's position and "
+            f"{loose.log.path or 'another'} "
+            "does not; diagnose them separately"
         )
     return made

@@ -48,7 +48,7 @@ def read_report(path: str | Path) -> Report:
     except OSError as error:
         raise Sim2RealError(f"{file}: {error.strerror}; name a diagnosis's folder") from None
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise Sim2RealError(f"{file}: this is no report of a diagnosis ({error})") from None
+        raise Sim2RealError(f"{file}: not a report of a diagnosis ({error})") from None
 
 
 def view(earlier: Report, later: Report) -> dict[str, Any]:

@@ -20,7 +20,7 @@ class Contract:
         JUDGED,
     )
     left_max: float = setting(
-        0.15, "1", "largest misfit with a named fault, over the spread", JUDGED
+        0.15, "1", "largest misfit with a named fault, relative to the spread", JUDGED
     )
     floor: float = setting(
         2e-3, "1", "largest difference of equal misfits, relative to the spread", JUDGED
@@ -59,8 +59,8 @@ class Contract:
     )
     strides: tuple[int, ...] = setting((2, 3, 4), "1", "steps between a history's frames", JUDGED)
     rows_min: int = setting(20, "1", "rows needed for an answer", JUDGED)
-    rows_few: int = setting(4, "1", "rows that a number needs outside the guard's limits", JUDGED)
-    draws: int = setting(200, "1", "resamples from which `sure` is counted", COST)
+    rows_few: int = setting(4, "1", "minimum number of unclipped rows of a number", JUDGED)
+    draws: int = setting(200, "1", "resamples for the certainty of a fault", COST)
     blocks: int = setting(20, "1", "blocks of rows in the bootstrap", JUDGED)
     rate_error: float = setting(
         0.1, "1", "largest relative difference between the rate and the time stamps", JUDGED
@@ -69,5 +69,5 @@ class Contract:
         (0.8, 1.25), "1", "ratios of measured and described gains that agree", JUDGED
     )
     gain_share: float = setting(
-        0.8, "1", "fraction of the torque's variance that a gain law must explain", JUDGED
+        0.8, "1", "fraction of the torque's variance that the gains must explain", JUDGED
     )

@@ -74,7 +74,7 @@ class Windows:
     begins_moving: float = setting(
         0.25,
         "1",
-        "speed at the first row that is not a start from rest, relative to the usual speed",
+        "initial speed above which a log does not start from rest, relative to the usual speed",
         JUDGED,
     )
     begins_least: float = setting(1e-4, "rad", "minimum motion in this duration", JUDGED)
@@ -140,7 +140,9 @@ class Regimes:
     smoothing_s: float = setting(0.06, "s", "duration over which speeds are averaged", JUDGED)
     goal_error: float = setting(0.01, "rad", "error below which a joint is at its goal", JUDGED)
     load_min: float = setting(1e-6, "N·m", "gravity torque below which robots have no load", JUDGED)
-    load_none: float = setting(0.1, "1", "fraction of the largest load that is not a load", JUDGED)
+    load_none: float = setting(
+        0.1, "1", "fraction of the largest load below which there is no load", JUDGED
+    )
     rare: float = setting(
         0.98,
         "1",

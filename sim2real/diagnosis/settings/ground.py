@@ -77,18 +77,20 @@ class Ground:
         0.5, "1", "change, in noise floors, above which friction is identified", JUDGED
     )
     stands: float = setting(0.5, "1", "contact weight above which a foot stands", JUDGED)
-    seen: float = setting(0.02, "1", "fraction of rows in contact that makes a foot", JUDGED)
-    slips: float = setting(0.1, "1", "reported fraction of a stance with slip", JUDGED)
-    bias_rad_s: float = setting(0.02, "rad/s", "bias of a gyro that is reported", JUDGED)
-    scale_off: float = setting(0.1, "1", "scale error of a gyro that is reported", JUDGED)
-    late_s: float = setting(0.004, "s", "latency of a gyro that is reported", JUDGED)
+    seen: float = setting(
+        0.02, "1", "minimum fraction of rows in which a foot is in contact", JUDGED
+    )
+    slips: float = setting(0.1, "1", "smallest reported fraction of a stance with slip", JUDGED)
+    bias_rad_s: float = setting(0.02, "rad/s", "smallest reported bias of a gyro", JUDGED)
+    scale_off: float = setting(0.1, "1", "smallest reported scale error of a gyro", JUDGED)
+    late_s: float = setting(0.004, "s", "smallest reported latency of a gyro", JUDGED)
     smoothing: tuple[float, float, float] = setting(
         (1 / 6, 2 / 3, 1 / 6), "1", "weights of three rows", "derived: Simpson's rule"
     )
     edge: int = setting(2, "1", "rows without slopes at both ends of an episode", JUDGED)
     tilt_most: float = setting(0.15, "rad", "largest tilt of the ground that is tried", JUDGED)
     tilt_grid: int = setting(13, "1", "tilts tried about each axis", COST)
-    tilt_rad: float = setting(0.02, "rad", "tilt of the ground that is reported", JUDGED)
+    tilt_rad: float = setting(0.02, "rad", "smallest reported tilt of the ground", JUDGED)
     tilt_better: float = setting(
         0.7,
         "1",
@@ -96,7 +98,7 @@ class Ground:
         JUDGED,
     )
     push_times: float = setting(
-        8.0, "1", "orientation error of a pushed window, relative to the median", JUDGED
+        8.0, "1", "minimum orientation error of a pushed window, relative to the median", JUDGED
     )
     push_rad: float = setting(0.02, "rad", "minimum orientation error of a pushed window", JUDGED)
     odd_times: float = setting(

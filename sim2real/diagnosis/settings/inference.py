@@ -45,7 +45,7 @@ class Inference:
     factors_max: int = setting(
         12, "1", "maximum number of directions of these errors, the largest first", COST
     )
-    turns: int = setting(4, "1", "sweeps over the joints' discrepancies in training", COST)
+    turns: int = setting(4, "1", "sweeps over the joints when their discrepancies are fitted", COST)
     difference: float = setting(0.03, "1", "finite difference, relative to a value", COST)
     difference_min: float = setting(
         0.01, "1", "minimum finite difference, relative to a step", COST
@@ -169,10 +169,10 @@ class Locating:
     lift: float = setting(
         1.2,
         "1",
-        "fraction of the error, relative to the fraction of the time, that is reported",
+        "smallest reported ratio of the fraction of the error to that of the time",
         JUDGED,
     )
-    share_min: float = setting(0.2, "1", "minimum fraction of the error that is reported", JUDGED)
+    share_min: float = setting(0.2, "1", "smallest reported fraction of the error", JUDGED)
     named_max: int = setting(4, "1", "kinds of moments reported per joint", JUDGED)
     edges_hz: tuple[float, ...] = setting(
         (0.0, 0.5, 2.0, 5.0, 15.0), "Hz", "edges of the frequency bands", JUDGED

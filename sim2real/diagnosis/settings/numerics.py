@@ -12,7 +12,9 @@ class Numerics:
     piece_s: float = setting(5.0, "s", "length of a replayed piece", COST)
     pieces: int = setting(4, "1", "number of replayed pieces", COST)
     change: float = setting(0.1, "1", "relative change of the gap that counts", DEVELOPED)
-    change_min: float = setting(0.005, "1", "minimum such change, over the motion", DEVELOPED)
+    change_min: float = setting(
+        0.005, "1", "minimum such change, relative to the motion", DEVELOPED
+    )
     gain_left: float = setting(0.25, "1", "minimum remaining gain of a physical effect", DEVELOPED)
     armature: float = setting(
         5e-4,

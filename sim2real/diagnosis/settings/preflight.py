@@ -12,12 +12,12 @@ THOUSAND = "derived: rows this far apart point to milliseconds, not seconds"
 class Channels:
     """What a log's channels must agree on."""
 
-    jitter: float = setting(0.25, "1", "deviation of an interval from the median one", JUDGED)
+    jitter: float = setting(0.25, "1", "largest deviation of an interval from the median", JUDGED)
     jitter_percentile: float = setting(
         95.0, "%", "percentile of the intervals that is checked", JUDGED
     )
     gap: float = setting(2.5, "1", "multiple of the median interval that is a gap", JUDGED)
-    lost_share: float = setting(0.005, "1", "fraction of lost readings that is reported", JUDGED)
+    lost_share: float = setting(0.005, "1", "smallest reported fraction of lost readings", JUDGED)
     repeat_counts: float = setting(
         3.0, "1", "encoder counts by which a joint moves around a repeated reading", JUDGED
     )
@@ -42,9 +42,11 @@ class Channels:
     reversals_min: int = setting(4, "1", "reversals needed to identify friction and play", JUDGED)
     reversal_size: float = setting(0.1, "1", "smallest reversal, relative to the motion", JUDGED)
     outside_share: float = setting(
-        0.01, "1", "reported fraction of commands outside ctrlrange", JUDGED
+        0.01, "1", "smallest reported fraction of commands outside ctrlrange", JUDGED
     )
-    outside_slack: float = setting(0.01, "1", "tolerance around ctrlrange, over its width", JUDGED)
+    outside_slack: float = setting(
+        0.01, "1", "tolerance around ctrlrange, relative to its width", JUDGED
+    )
     beyond: float = setting(
         2.0, "1", "multiple of a hinge's range beyond which positions are not in rad", JUDGED
     )
@@ -142,7 +144,7 @@ class Clocks:
     drift_ppm: float = setting(
         50.0,
         "ppm",
-        "smallest drift that is reported",
+        "smallest reported drift",
         "reference: a crystal's tolerance is 20 to 50 ppm",
     )
     log_s: float = setting(
@@ -172,11 +174,15 @@ class Lag:
 class Obstruction:
     """When something holds a joint."""
 
-    rest_s: float = setting(0.1, "s", "duration on either side in which a joint rests", DEVELOPED)
+    rest_s: float = setting(
+        0.1, "s", "duration before and after a row in which a joint rests", DEVELOPED
+    )
     still: float = setting(0.003, "rad", "largest motion of a joint that rests", DEVELOPED)
     usual: float = setting(0.9, "1", "quantile that counts as usual in a joint at rest", DEVELOPED)
-    current: float = setting(3.0, "1", "multiple of the usual current", DEVELOPED)
-    error: float = setting(1.6, "1", "multiple of the usual error", DEVELOPED)
+    current: float = setting(
+        3.0, "1", "obstructed above this multiple of the usual current", DEVELOPED
+    )
+    error: float = setting(1.6, "1", "obstructed above this multiple of the usual error", DEVELOPED)
     margin_s: float = setting(0.5, "s", "time left out before and after", DEVELOPED)
     rests_min: int = setting(50, "1", "rows at rest needed to define usual values", JUDGED)
     shortest_s: float = setting(
@@ -213,7 +219,7 @@ class Hunting:
     riding: float = setting(
         0.1,
         "1",
-        "minimum size of such an oscillation, over the motion; smaller ones may be stick-slip",
+        "minimum size of such an oscillation, relative to the motion; less may be stick-slip",
         DEVELOPED,
     )
     kept: float = setting(1.0, "1", "number of first swings that are compared", DEVELOPED)
@@ -225,7 +231,7 @@ class Hunting:
 class Checks:
     """Detection of readings that scatter by more than a count."""
 
-    noise: float = setting(1.5, "1", "multiple of the resolution", JUDGED)
+    noise: float = setting(1.5, "1", "reported above this multiple of the resolution", JUDGED)
     rounding_min: float = setting(1e-5, "rad", "minimum size of the resolution", JUDGED)
 
 

@@ -40,7 +40,9 @@ def floating(spec: mujoco.MjSpec) -> Tree:
     spec = spec.copy()
     free = [j for j in spec.joints if j.type == mujoco.mjtJoint.mjJNT_FREE]
     if len(free) != 1:
-        raise Sim2RealError(f"{len(free)} free joints; a walking robot has one, at its base")
+        raise Sim2RealError(
+            f"{len(free)} free joints; expected one, at the base of a walking robot"
+        )
     for key in list(spec.keys):
         spec.delete(key)
     spec.delete(free[0])

@@ -74,11 +74,11 @@ def refuse_kind(score: Score, aligned: bool) -> None:
     name = type(score).__name__
     if aligned:
         raise Sim2RealError(
-            f"{name} compares transitions of rollouts, and the provider replays logs; choose "
+            f"{name} compares transitions of rollouts, but the provider replays logs; choose "
             "identify/provider=rollout, or a score such as one_step, k_step or likelihood"
         )
     raise Sim2RealError(
-        f"{name} compares row by row, and rollouts are not aligned with the logs; choose "
+        f"{name} compares row by row, but rollouts are not aligned with the logs; choose "
         "identify/provider=replay, or a score such as mmd, sliced_wasserstein or critic_gp"
     )
 

@@ -86,7 +86,7 @@ class Nearby:
         made: Any = self._provided(provider, prior, data, run)
         if not isinstance(made, AlignedProvider):
             raise Sim2RealError(
-                "identify=nearby compares row by row, and rollouts are not aligned with the logs; "
+                "identify=nearby compares row by row, but rollouts are not aligned with the logs; "
                 "choose identify/provider=replay"
             )
         few = made.subset(_spread(len(made.real), self.transitions))

@@ -87,7 +87,7 @@ class Npe:
         run = run or FitContext()
         made: Any = provider(data, prior.effects, rows=None, seed=run.seed)
         if not isinstance(made, AlignedProvider):
-            raise Sim2RealError("npe sums up replays of logs; choose identify/provider=replay")
+            raise Sim2RealError("npe summarizes replays of logs; choose identify/provider=replay")
         fitted, _ = made.split(self.settings)
         found, checked = self.found(fitted, prior, run)
         if run.folder is not None:
@@ -108,7 +108,8 @@ class Npe:
         """Return the posterior of an aligned provider's data, and how it is calibrated."""
         if prior.joint is not None or prior.particles is not None:
             raise Sim2RealError(
-                "npe draws from independent laws, and this prior has a joint; give candidates=, or "
+                "npe needs independent parameters, but this prior has correlations; give "
+                "candidates=, or "
                 "params=NAME of a randomization"
             )
         shares, summaries, real = self._simulated(provider, prior, run)

@@ -58,8 +58,8 @@ class Rollout:
     ) -> None:
         if data.world is None:
             raise Sim2RealError(
-                "rollouts need a policy that acts in simulation: give checkpoint=RUN, the training "
-                "whose policy made the logs, or choose identify/provider=replay"
+                "rollouts need a policy that acts in simulation: give checkpoint=RUN of the "
+                "policy that ran in the logs, or choose identify/provider=replay"
             )
         self._world, self._effects, self._seed = data.world, tuple(effects), seed
         self._rows: Rows = self._world.rows(self._effects, 1)
@@ -130,8 +130,9 @@ def transitions(log: Log, sizes: tuple[int, int], task: str) -> list[np.ndarray]
         there = [n for n in log.columns if n.startswith(f"{kind}.") and n.split(".")[1].isdigit()]
         if len(there) != size or any(name not in log.columns for name in own):
             raise Sim2RealError(
-                f"{place} has {len(there)} columns {kind}.<i>, and {task} has {size}: the log is "
-                "of another task, or not of a policy; record episodes of the policy in checkpoint="
+                f"{place} has {len(there)} columns {kind}.<i>, but {task} has {size}: the log "
+                f"belongs to another task, or not to a policy; record episodes of the policy in "
+                f"checkpoint="
             )
     found = []
     for part in log.episodes():
@@ -139,5 +140,5 @@ def transitions(log: Log, sizes: tuple[int, int], task: str) -> list[np.ndarray]
         if len(part) >= SHORTEST:
             found.append(np.hstack([seen[:-1], said[:-1], np.diff(seen, axis=0)]))
     if not found:
-        raise Sim2RealError(f"{place}: no episode has two rows, so there is no transition in it")
+        raise Sim2RealError(f"{place}: no episode has two rows, so there are no transitions")
     return found

@@ -68,8 +68,8 @@ class Steps(AlignedProvider):
         found = [states(log, model, rows, settings) for log in data.logs]
         if len({round(one.dt / settings.uneven / found[0].dt) for one in found}) > 1:
             raise Sim2RealError(
-                "the logs have rows of different intervals, which one-step scores cannot put "
-                "together; identify them one by one, or use whole windows (score.rows=null)"
+                "the logs have different row intervals, which one-step scores cannot combine; "
+                "identify them one by one, or use whole windows (score.rows=null)"
             )
         self._nstep = _substeps(found[0].dt, model, settings)
         starts = [_starts(one.episode, rows) for one in found]
@@ -141,7 +141,7 @@ def states(log: Log, model: mujoco.MjModel, rows: int, settings: Settings = DEFA
         (log.columns.get(f"torque.{name}", np.ones(1)) <= 0).any() for name in log.actuators
     ):
         raise Sim2RealError(
-            f"{place}: gains a row or servos that are switched off need whole windows; "
+            f"{place}: gains in each row, or servos that are switched off, need whole windows; "
             "give score.rows=null (score=k_step)"
         )
     qpos, qvel = np.empty((len(log), model.nq)), np.empty((len(log), model.nv))
@@ -170,7 +170,7 @@ def states(log: Log, model: mujoco.MjModel, rows: int, settings: Settings = DEFA
     if np.abs(steps - dt).max() > settings.uneven * dt:
         raise Sim2RealError(
             f"{place}: its rows are {steps.min():.4g} to {steps.max():.4g} s apart; a one-step "
-            "score needs even ones: use whole windows (score.rows=null), which take any"
+            "score needs equal intervals: use whole windows (score.rows=null)"
         )
     return States(qpos, qvel, ctrl, log.episode, dt)
 
@@ -178,8 +178,8 @@ def states(log: Log, model: mujoco.MjModel, rows: int, settings: Settings = DEFA
 def _column(log: Log, name: str) -> np.ndarray:
     if name not in log.columns:
         raise Sim2RealError(
-            f"{log.path or 'the log'} has no {name}, and a score that starts at every row needs "
-            "the whole state there: log it, or use whole windows (score=k_step score.rows=null)"
+            f"{log.path or 'the log'} has no {name}, but a score that starts at every row needs "
+            f"the full state there: log it, or use whole windows (score=k_step score.rows=null)"
         )
     return log.column(name)
 
@@ -189,7 +189,7 @@ def _substeps(dt: float, model: mujoco.MjModel, settings: Settings) -> int:
     count = max(1, round(dt / model.opt.timestep))
     if abs(count * model.opt.timestep - dt) > settings.uneven * dt:
         raise Sim2RealError(
-            f"rows are {dt:.6g} s apart, which is no multiple of the model's timestep "
+            f"rows are {dt:.6g} s apart, which is not a multiple of the model's timestep "
             f"{model.opt.timestep:g} s; change the timestep, or use whole windows (score.rows=null)"
         )
     return count

@@ -59,8 +59,8 @@ class HillClimb(Adaptation):
             raise Sim2RealError(f"adapt.mode={mode!r} is not one of sequential, average, batch")
         if mode == "sequential" and parallel != 1:
             raise Sim2RealError(
-                f"adapt.parallel={parallel} with mode=sequential: it must be 1; "
-                "use mode=average or batch"
+                f"adapt.parallel={parallel} must be 1 with mode=sequential; use mode=average or "
+                f"batch"
             )
         if queries < 1 or parallel < 1 or not sigma > 0 or incumbent_episodes < 0:
             raise Sim2RealError(

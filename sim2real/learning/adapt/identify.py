@@ -99,7 +99,7 @@ class Identify(Adaptation):
         spec = environment.context_spec
         if spec is None:
             raise Sim2RealError(
-                "adapt=identify needs a policy that receives its robot's parameters, and this one "
+                "adapt=identify needs a policy that receives its robot's parameters, but this one "
                 "was trained without them. Train one with transforms=with_params (PPO: "
                 "transforms=normalized_with_params), or choose another adapt"
             )
@@ -125,7 +125,7 @@ class Identify(Adaptation):
             Sim2RealError: always.
         """
         raise Sim2RealError(
-            "adapt=identify needs the logs of its episodes and trains nothing: train with "
+            "adapt=identify needs the logs of episodes and cannot be used in training: train with "
             "transforms=with_params adapt=none (the policy receives the truth), then evaluate or "
             "deploy it with adapt=identify"
         )
@@ -195,8 +195,8 @@ class IdentifySession(Session):
         self._check(value)
         if log is None:
             raise Sim2RealError(
-                f"adaptation: the return {value:.4g} came without a log, and adapt=identify finds "
-                "the robot's parameters in logs; give tell(value, log=...) the episode's log"
+                f"adaptation: the return {value:.4g} came without a log, but adapt=identify needs "
+                f"one; give tell(value, log=...) the episode's log"
             )
         logs = [*self._logs, log][-self._recipe.last :]
         self._found.append(np.asarray(self._recipe.find(logs, self._seed), np.float64))

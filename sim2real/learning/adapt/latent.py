@@ -42,7 +42,7 @@ class LatentSearch(HillClimb):
         if own != self.dims:
             raise Sim2RealError(
                 f"adapt.dims={self.dims}: the policy has {own or 'no'} latent numbers to search; "
-                + (f"set adapt.dims={own}" if own else "take policy=latent, or another adapt")
+                + (f"set adapt.dims={own}" if own else "choose policy=latent, or another adapt")
             )
 
     def draw(self, rng: np.random.Generator, size: int) -> np.ndarray:

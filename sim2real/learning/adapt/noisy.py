@@ -44,7 +44,7 @@ class NoisyReturns(Adaptation):
     ) -> None:
         if law not in get_args(Law):
             raise Sim2RealError(
-                f"adapt.law={law!r} is unknown{did_you_mean(law, get_args(Law))}; it can be: "
+                f"adapt.law={law!r} is unknown{did_you_mean(law, get_args(Law))}; choose one of: "
                 f"{', '.join(get_args(Law))}"
             )
         if not scale >= 0 or not 0 <= share <= 1:
@@ -53,7 +53,7 @@ class NoisyReturns(Adaptation):
             )
         if operator.explores or operator.needs_log:
             raise Sim2RealError(
-                f"adapt=noisy makes returns noisy, and {operator} does not adapt by returns alone; "
+                f"adapt=noisy makes returns noisy, but {operator} does not adapt by returns alone; "
                 "choose adapt@adapt.operator=hillclimb, batch, average or gradient"
             )
         self.operator, self.scale, self.share = operator, scale, share

@@ -87,8 +87,8 @@ class PolicyGradient(Adaptation):
     def start_batch(self, thetas: np.ndarray, noise: np.ndarray) -> BatchedSession:
         """Raise Sim2RealError: populations tell returns, and this needs the steps."""
         raise Sim2RealError(
-            "adapt=policy_gradient learns from the steps of episodes, and a population tells only "
-            "their returns; use adapt=gradient or adapt=hillclimb, or algorithm=pg_maml"
+            "adapt=policy_gradient learns from the steps of episodes, but a population reports "
+            "only returns; use adapt=gradient or adapt=hillclimb, or algorithm=pg_maml"
         )
 
     def bind_policy(self, actor: Any, critic: Critic | None = None) -> PolicyGradient:
@@ -102,7 +102,7 @@ class PolicyGradient(Adaptation):
         """
         if self.law is None:
             raise Sim2RealError(
-                "adapt=policy_gradient: say which policy adapts, by bind_policy(actor)"
+                "adapt=policy_gradient: set the policy that adapts with bind_policy(actor)"
             )
         return PolicyGradientSession(self, self.law, theta)
 

@@ -94,7 +94,9 @@ class PPOAdaptation(ClippedSettings, Adaptation):
         Raises Sim2RealError before `bind_policy`.
         """
         if self.law is None or self.value is None or self.critic is None:
-            raise Sim2RealError("adapt=ppo: say which policy adapts, by bind_policy(actor, critic)")
+            raise Sim2RealError(
+                "adapt=ppo: set the policy that adapts with bind_policy(actor, critic)"
+            )
         return self.law, self.value, self.critic
 
     def start(self, theta: np.ndarray, rng: np.random.Generator) -> PPOSession:
@@ -175,7 +177,7 @@ class LearnerCohort(BatchedSession):
         if self.results.shape[1] != size:
             raise Sim2RealError(
                 f"adapt=ppo: members have {self.results.shape[1]} parameters, actor and critic "
-                f"together {size}; search the critic, too, by algorithm.critic=true"
+                f"together {size}; to search the critic as well, set algorithm.critic=true"
             )
 
     def learners(self, members: np.ndarray) -> BlockedPPO:
@@ -187,4 +189,4 @@ class LearnerCohort(BatchedSession):
         return self.results[members]
 
     def _advance(self, members: np.ndarray, stage: int) -> None:
-        raise Sim2RealError("adapt=ppo: members learn from steps, and received returns alone")
+        raise Sim2RealError("adapt=ppo: members learn from steps, but received only returns")

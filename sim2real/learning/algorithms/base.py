@@ -157,19 +157,20 @@ def build(algorithm: Callable[..., Algorithm], parts: Components, adapts: bool =
     made = algorithm(parts)
     name = type(made).__name__
     if adapts and "adapt" not in made.uses and not isinstance(parts.adapt, NoAdaptation):
-        raise Sim2RealError(f"{name} trains no policy that adapts; use adapt=none")
+        raise Sim2RealError(f"{name} cannot train a policy that adapts; use adapt=none")
     if adapts and parts.adapt.needs_log:
         raise Sim2RealError(
-            f"{name} trains no policy by {parts.adapt}; train with transforms=with_params and "
-            "adapt=none, which tells it the truth, and evaluate or deploy it with adapt=identify"
+            f"{name} cannot train with {parts.adapt}; train with transforms=with_params and "
+            "adapt=none, which gives it the true parameters, and evaluate or deploy it with "
+            f"adapt=identify"
         )
     if adapts and not isinstance(parts.adapt, made.adapts_by):
         raise Sim2RealError(
-            f"{name} trains for adaptation by {made.adapts_by.__name__}, and the run has "
+            f"{name} trains for adaptation by {made.adapts_by.__name__}, but the run has "
             f"{type(parts.adapt).__name__}; leave adapt out, or choose adapt=policy_gradient"
         )
     parts.adapt.check(getattr(made, "policy", None))
     for one, part in parts.optional.items():
         if part is not None and one not in made.uses:
-            raise Sim2RealError(f"{name} uses no {one}; leave it out, or use {one}=none")
+            raise Sim2RealError(f"{name} does not use {one}; remove it, or set {one}=none")
     return made

@@ -25,7 +25,7 @@ def check_loss(loss: Any, data: TensorDictBase) -> None:
         if key not in there and (isinstance(key, str) or key[0] != "next"):
             names = sorted(k for k in there if isinstance(k, str))
             raise Sim2RealError(
-                f"loss: {type(loss).__name__} reads {key!r}, which is not there; there are: "
+                f"loss: {type(loss).__name__} reads {key!r}, which is missing; available: "
                 f"{', '.join(names)}"
             )
 
@@ -55,5 +55,5 @@ def check_finite(parameters: Iterable[torch.Tensor], iteration: int, lower: str)
     if not all(torch.isfinite(p).all() for p in parameters):
         raise Sim2RealError(
             f"the policy's parameters are no longer finite after iteration {iteration}; lower "
-            f"{lower}, or look for rewards that are not finite; the checkpoint before is whole"
+            f"{lower}, or look for rewards that are not finite; the previous checkpoint is intact"
         )

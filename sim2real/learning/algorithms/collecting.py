@@ -102,7 +102,7 @@ class ResumableCollector:
         self.returns.load_state_dict(state["returns"])
         if self._rows is None or state["episodes"] is None:
             log.warning(
-                "%s in %s cannot go back into its episodes; the resumed run starts new ones",
+                "%s in %s cannot resume its episodes; the resumed run starts new ones",
                 type(self.env.base_env).__name__,
                 type(self._collector).__name__,
             )

@@ -65,7 +65,7 @@ class Distill(Algorithm):
         context, own = self._teacher.context, self._teacher.environment
         if own.name != parts.environment.name:
             raise Sim2RealError(
-                f"algorithm.teacher is a policy of {own.name}, and env is "
+                f"algorithm.teacher is a policy of {own.name}, but env is "
                 f"{parts.environment.name}; give the teacher's env"
             )
         if context is None:

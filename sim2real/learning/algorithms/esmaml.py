@@ -334,7 +334,7 @@ class ESMAML(Algorithm):
         if (state["normalizer"] is None) != (self.normalizer is None):
             raise CheckpointError(
                 "checkpoint: normalize_observations differs between the checkpoint and this run; "
-                "set algorithm.normalize_observations as it was"
+                "restore the value of algorithm.normalize_observations"
             )
         self.strategy.load_state_dict(state["strategy"])
         if self.normalizer is not None:

@@ -60,7 +60,7 @@ class OnPolicy(CollectingAlgorithm):
             check_policy(env, self.policy)
             critic = self.policy.critic
             if critic is None:
-                raise _refused(f"policy: it has no critic, and {self.name} trains one, too")
+                raise _refused(f"policy: {self.name} also needs a critic")
             self._critic, self._window = critic, self.policy.window
             if steps % self._window:
                 raise Sim2RealError(
@@ -122,7 +122,9 @@ class OnPolicy(CollectingAlgorithm):
     def _made(self, policy: Any) -> Policy:
         if not isinstance(policy, Policy):
             kind = type(policy).__name__
-            raise _refused(f"algorithm={self.name} trains an actor and a critic, {kind} is none")
+            raise _refused(
+                f"algorithm={self.name} needs an actor and a critic, but {kind} is neither"
+            )
         return policy
 
 

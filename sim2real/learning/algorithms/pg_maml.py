@@ -101,7 +101,7 @@ class PGMAML(CollectingAlgorithm):
             self._optimizer = None if made is None else made(self._law.parameters)
         if not isinstance(env.base_env, RowsEnv) or not self.collecting.in_rows:
             raise Sim2RealError(
-                "algorithm=pg_maml holds each row in its task, which takes a world of rows in this "
+                "algorithm=pg_maml keeps each row in its task, which needs an environment in this "
                 "process, such as env=nav2d, and collector=fast or collector=sync"
             )
         self._base: RowsEnv = env.base_env
@@ -201,7 +201,7 @@ class PGMAML(CollectingAlgorithm):
 def _made(policy: Any) -> Policy:
     if not isinstance(policy, Policy) or policy.critic is not None:
         raise Sim2RealError(
-            "algorithm=pg_maml trains an actor alone, whose baseline is linear; use policy=actor"
+            "algorithm=pg_maml trains only an actor, with a linear baseline; use policy=actor"
         )
     return policy
 

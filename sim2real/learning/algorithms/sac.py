@@ -163,7 +163,7 @@ class SAC(CollectingAlgorithm):
 def _made(policy: Any) -> SoftPolicy:
     if not isinstance(policy, SoftPolicy):
         raise Sim2RealError(
-            f"algorithm=sac trains an actor and critics of its actions, {type(policy).__name__} is "
-            "none; use policy=soft_actor_critic"
+            f"algorithm=sac needs an actor and critics, but {type(policy).__name__} is neither; "
+            f"use policy=soft_actor_critic"
         )
     return policy

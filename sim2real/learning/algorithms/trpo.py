@@ -68,7 +68,8 @@ class TRPO(OnPolicy):
         critic = list(self._critic.parameters())
         if {id(p) for p in critic} & {id(p) for p in self._law.parameters}:
             raise Sim2RealError(
-                "policy: TRPO's critic must not move its actor, and here they share networks; use "
+                "policy: TRPO's critic must not change its actor, but here they share networks; "
+                "use "
                 "policy=actor_critic, or algorithm=ppo"
             )
         with self._randomness:

@@ -65,4 +65,4 @@ class FastReplayBuffer(ReplayBuffer):
 
 
 def _refuse(what: str, allowed: str) -> None:
-    raise Sim2RealError(f"buffer=fast takes no {what} but a {allowed}; use buffer=replay")
+    raise Sim2RealError(f"buffer=fast needs a {allowed} as its {what}; use buffer=replay")

@@ -174,4 +174,4 @@ def _stacked(frames: Sequence[TensorDictBase], dim: int) -> TensorDict:
 
 
 def _refuse(what: str) -> None:
-    raise Sim2RealError(f"collector=fast has not {what}; use collector=sync")
+    raise Sim2RealError(f"collector=fast does not support {what}; use collector=sync")

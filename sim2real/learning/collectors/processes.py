@@ -56,8 +56,8 @@ class ProcessCollector(MultiSyncCollector):
         if drop_per_row_state(chain.state_dict()) or len(chain) > len(env.made.transforms):
             names = ", ".join(type(one).__name__ for one in chain)
             raise Sim2RealError(
-                "collector=processes takes no transforms that keep statistics, nor those of a "
-                f"policy, since each process would have its own; there are: {names}; "
+                "collector=processes does not accept transforms that keep statistics or belong to "
+                f"a policy, because each process would have its own; used here: {names}; "
                 "use collector=sync"
             )
         seeds = np.random.SeedSequence(env.seed).generate_state(workers).tolist()

@@ -230,7 +230,8 @@ def action_limits(env: EnvBase) -> tuple[np.ndarray, np.ndarray]:
     spec: Any = env.action_spec_unbatched
     if spec.ndim != 1 or not spec.dtype.is_floating_point:
         raise Sim2RealError(
-            f"policy: actions are vectors of numbers, the environment takes {spec.dtype} of shape "
+            f"policy: actions are vectors of numbers, but the environment takes {spec.dtype} of "
+            f"shape "
             f"{tuple(spec.shape)}"
         )
     if isinstance(spec, Unbounded):
@@ -245,8 +246,8 @@ def observation_size(env: EnvBase) -> int:
     spec = shown.get("observation")
     if spec is None or spec.ndim != len(env.batch_size) + 1:
         raise Sim2RealError(
-            "policy: it sees a vector under 'observation', which is not shown; the environment "
-            f"shows: {', '.join(map(str, shown))}"
+            "policy: it needs a vector 'observation', which is missing; the environment provides: "
+            f"{', '.join(map(str, shown))}"
         )
     return spec.shape[-1]
 

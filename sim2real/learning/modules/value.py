@@ -43,8 +43,8 @@ class FunctionalCritic:
         if not one or list(critic.in_keys) != ["observation"]:
             found = "none" if critic is None else type(critic).__name__
             raise Sim2RealError(
-                "policy: adapt=ppo and algorithm.critic=true take a critic of the observation with "
-                f"networks of its own, here is {found}; train with policy=actor_critic, and "
+                "policy: adapt=ppo and algorithm.critic=true need a critic of the observation "
+                f"with separate networks, but found {found}; train with policy=actor_critic, and "
                 "algorithm=esmaml with algorithm.critic=true"
             )
         self._module: Any = critic.module

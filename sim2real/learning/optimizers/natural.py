@@ -128,7 +128,7 @@ class NaturalStep:
 
 
 def _kept(theta: Tensor, why: str) -> StepResult:
-    log.warning("natural gradient: %s; the policy stays as it is in this iteration", why)
+    log.warning("natural gradient: %s; the policy is unchanged in this iteration", why)
     return StepResult(theta, 0.0, 0.0, 0, why)
 
 

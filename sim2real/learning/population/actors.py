@@ -84,7 +84,8 @@ def flat_policy(made: Any, env: EnvBase, critic: bool = False) -> FlatPolicy:
         return made
     if not isinstance(made, Acts) or not isinstance(made.actor, TensorDictModuleBase):
         raise Sim2RealError(
-            f"algorithm=esmaml searches the parameters of an actor, {type(made).__name__} has no "
+            f"algorithm=esmaml searches the parameters of an actor, but {type(made).__name__} has "
+            f"no "
             "tensordict module of that name; use policy=linear, policy=mlp or policy=actor_critic"
         )
     return ActorPolicy(
@@ -132,7 +133,9 @@ class ActorPolicy:
         others = {*self.actor.in_keys} - {"observation", "is_init", *self.memory}
         if others:
             names = ", ".join(map(str, sorted(others, key=str)))
-            raise Sim2RealError(f"policy: members of a population see no {names}; leave it out")
+            raise Sim2RealError(
+                f"policy: members of a population do not receive {names}; remove it"
+            )
         self._perceptron = _perceptron(self)
         self.critic = None
         if searched and critic is not None:
@@ -336,7 +339,9 @@ def _memory(actor: nn.Module) -> dict[str, tuple[int, ...]]:
     found: dict[str, tuple[int, ...]] = {}
     for module in actor.modules():
         if isinstance(module, LSTMModule):
-            raise Sim2RealError("policy: members of a population remember by a GRUModule only")
+            raise Sim2RealError(
+                "policy: a GRUModule is the only memory that members of a population can have"
+            )
         if isinstance(module, GRUModule):
             gru = module.gru
             found[str(module.in_keys[1])] = (gru.num_layers, gru.hidden_size)

@@ -121,7 +121,7 @@ class Cluster:
         local = learner.population
         if local is None:
             raise ClusterError(
-                f"cluster=ray spreads populations, which {type(learner).__name__} has none of; "
+                f"cluster=ray distributes populations, but {type(learner).__name__} has none; "
                 "use cluster=none"
             )
         make = partial(_rows, learner.parts.environment, self.rows)
@@ -154,7 +154,7 @@ class Cluster:
         except (ConnectionError, RuntimeError, ValueError) as error:
             reason = " ".join(str(error).split())[:200]
             raise ClusterError(
-                f"there is no Ray cluster at cluster.address={self.address} ({reason}); "
+                f"no Ray cluster at cluster.address={self.address} ({reason}); "
                 "start one with: ray start --head"
             ) from error
         try:
@@ -166,7 +166,7 @@ class Cluster:
         cpus = int(ray.cluster_resources().get("CPU", 0))
         if cpus < self.workers:
             raise ClusterError(
-                f"cluster.workers={self.workers} need a CPU each, the cluster has {cpus}; "
+                f"cluster.workers={self.workers} need a CPU each, but the cluster has {cpus}; "
                 "lower cluster.workers, or join more machines with ray start --address"
             )
 

@@ -32,7 +32,7 @@ class Slots:
     def __init__(self, policy: Any, rows: Rows) -> None:
         if not isinstance(policy, MLPPolicy):
             raise Sim2RealError(
-                f"physics=warp runs a population of perceptrons, this one is a "
+                f"physics=warp runs only populations of perceptrons, not of a "
                 f"{type(policy).__name__}; use policy=mlp or policy=linear, or physics=batch"
             )
         self._policy, self._arrays = policy, arrays_of(rows)

@@ -99,7 +99,7 @@ class EnvRows:
             return self._env.reset(seeds=self._seeds.copy())
         except TypeError as error:
             raise Sim2RealError(
-                f"env: a population restarts rows with separate seeds, and "
+                f"env: a population restarts rows with separate seeds, but "
                 f"{type(self._env.base_env).__name__} takes none ({error}); let its _reset take "
                 "seeds, (N,) uint64"
             ) from error
@@ -122,9 +122,9 @@ class EnvRows:
         chain: Any = self._env.transform
         names = ", ".join(type(one).__name__ for one in chain if one is not self._given)
         raise Sim2RealError(
-            "a population plays an episode by its robot, seed and actions alone, and this one went "
-            f"otherwise the second time: {type(self._env.base_env).__name__} with the transforms "
-            f"{names or 'none'}; leave out transforms that keep statistics (for observations set "
+            "in a population, an episode must depend only on its robot, seed and actions, but a "
+            f"repetition differed: {type(self._env.base_env).__name__} with the transforms "
+            f"{names or 'none'}; remove transforms that keep statistics (for observations set "
             "algorithm.normalize_observations=true), and let a reset start the rows of the mask "
             "'_reset' alone, each by its entry of seeds"
         )

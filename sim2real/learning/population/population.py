@@ -126,8 +126,8 @@ class Population:
         if isinstance(members.cohort, LearnerCohort):
             if any(not shard.arrays.on_host for shard in self._shards):
                 raise Sim2RealError(
-                    "physics=warp runs no members that learn from their steps; use adapt=hillclimb "
-                    "or adapt=none, or physics=batch"
+                    "physics=warp cannot run members that learn from their steps; use "
+                    "adapt=hillclimb, adapt=none or physics=batch"
                 )
             return self._learn(members, members.cohort, normalizer)
         job = Job(members, self.policy.observation_size, len(self._shards))

@@ -228,7 +228,7 @@ class RemoteShard:
             except WorkerLostError as error:
                 self._recover(job, error)
         if not any(shard.link for shard in self.fleet):
-            raise ClusterError("all workers died, and the cluster has no place for others")
+            raise ClusterError("all workers died, and no CPU is free for replacements")
         while not job.done:
             time.sleep(0.05)  # without a worker: the others finish
 
@@ -257,7 +257,7 @@ class RemoteShard:
     def _recover(self, job: Job, error: Exception) -> None:
         """Give the episodes of a dead worker to the others, and start another in its place."""
         log.warning(
-            "%s is gone (%s); its %d episodes run again", self.name, error, len(self._taken)
+            "%s is lost (%s); rescheduling its %d episodes", self.name, error, len(self._taken)
         )
         members, episodes = np.array(list(self._taken.values()), np.int64).reshape(-1, 2).T
         self._taken.clear()
@@ -288,5 +288,6 @@ class RemotePopulation(Population):
         self, members: PopulationRequest, cohort: LearnerCohort, normalizer: Normalizer | None
     ) -> PopulationResult:
         raise ClusterError(
-            f"{cohort.operator} needs every step, and a cluster tells returns; use cluster=none"
+            f"{cohort.operator} needs every step, but a cluster reports only returns; use "
+            f"cluster=none"
         )

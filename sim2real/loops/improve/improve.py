@@ -174,8 +174,9 @@ class _Loop:
         for key, value in self.about.items():
             if earlier.get(key) != value:
                 raise Sim2RealError(
-                    f"resume={self.out}: that loop has {key}={earlier.get(key)}, this one {value}; "
-                    "a loop goes on with its own settings, or start another folder"
+                    f"resume={self.out}: the earlier loop had {key}={earlier.get(key)}, this one "
+                    f"{value}; "
+                    "give the same settings, or start in another folder"
                 )
 
     def add(self, one: Round) -> None:

@@ -56,8 +56,8 @@ class Operator:
                 )
             except EOFError:
                 raise Sim2RealError(
-                    "nothing tracks the robot, and there is no terminal to enter how far it went; "
-                    "start it in a terminal, or give it a tracker (hardware/body.py)"
+                    "nothing tracks the robot, and there is no terminal to enter the distance; "
+                    "start in a terminal, or give it a tracker (hardware/body.py)"
                 ) from None
             try:
                 metres = float(answer.strip().removesuffix("m").replace(",", "."))

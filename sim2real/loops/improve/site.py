@@ -198,4 +198,6 @@ class RobotSetup:
 def check_trials(trials: int) -> None:
     """Raise Sim2RealError for too few episodes of a policy."""
     if trials < 2:
-        raise Sim2RealError(f"trials={trials}: at least 2 episodes are needed to know their noise")
+        raise Sim2RealError(
+            f"trials={trials}: at least 2 episodes are needed to estimate their noise"
+        )

@@ -83,7 +83,10 @@ def test_an_empty_file_has_no_effects(tmp_path: Path) -> None:
         ("- {effect: backlash, where: a, value: wide}", "value='wide' must be a finite number"),
         ("- {effect: backlash, where: a, value: .nan}", "value=nan must be a finite number"),
         ("- {effect: backlash, where: a, value: true}", "value=True must be"),
-        ("- {effect: backlash, where: a, value: 3, unit: deg}", "is in rad, not 'deg'"),
+        (
+            "- {effect: backlash, where: a, value: 3, unit: deg}",
+            "expected the unit 'rad', got 'deg'",
+        ),
         ("- {effect: cogging, where: a, value: 1, extra: {cnt: 3}}", "no extra 'cnt'"),
         ("- {effect: cogging, where: a, value: 1, extra: 3}", "extra=3 a mapping"),
         ("- {effect: cogging, where: a, value: 1, extra: {how: add, where: b}}", "cogging"),

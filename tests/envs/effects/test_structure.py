@@ -215,6 +215,6 @@ def test_a_joint_that_is_not_its_bodys_last_is_refused() -> None:
     text = """<mujoco><worldbody><body name="wrist"><joint name="a" axis="0 1 0"/>
       <joint name="b" axis="1 0 0"/><geom size="0.1"/></body></worldbody></mujoco>"""
     spec = mujoco.MjSpec.from_string(text)
-    with pytest.raises(EffectError, match="'a' is not the last of body 'wrist'"):
+    with pytest.raises(EffectError, match="'a' is not the last joint of body 'wrist'"):
         Plant(spec, [make("backlash", where="a")], 1, 1)
     assert Plant(spec, [make("backlash", where="b")], 1, 1).model.njnt == 3

@@ -297,7 +297,7 @@ class _Numpy(tasks.Hopper):
 
 def test_what_the_engine_lacks_is_refused_by_name() -> None:
     """Tasks for NumPy alone, contact forces, devices that are not there."""
-    with pytest.raises(TaskError, match="_Numpy computes with NumPy alone"):
+    with pytest.raises(TaskError, match="_Numpy computes with NumPy only"):
         Simulation(_Numpy(), 1, threads=1, physics="warp")
     with pytest.raises(TaskError, match="contact forces"):
         Simulation(tasks.Ant("exact"), 1, threads=1, physics="warp")

@@ -122,5 +122,5 @@ def test_an_actuator_of_another_kind_is_refused() -> None:
         '<motor name="hip" joint="hip" ctrlrange="-6 6"/>',
         '<muscle name="hip" joint="hip" lengthrange="-1 1"/>',
     )
-    with pytest.raises(TaskError, match="'hip' of the model cannot be under impedance control"):
+    with pytest.raises(TaskError, match="'hip' of the model cannot have impedance control"):
         with_impedance(mujoco.MjSpec.from_string(text), {"hip": (1.0, 0.1)})

@@ -182,7 +182,7 @@ def test_a_direction_is_one_of_two() -> None:
 
 def test_no_robot_has_a_goal_and_no_diagnosis_looks_for_one() -> None:
     """Where no task asks for one it is refused in a sentence; a search leaves it out."""
-    with pytest.raises(EffectError, match="no robot, recording or diagnosis has it; leave it out"):
+    with pytest.raises(EffectError, match="goal belongs to a task, but no task here has one"):
         Simulation(Hopper(), 1, [Goal()])
     with pytest.raises(EffectError, match="env=halfcheetah_direction"):
         Simulation(Hopper(), 1, fixed=[(Goal(), [1.0])])

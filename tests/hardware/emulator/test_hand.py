@@ -65,10 +65,10 @@ def test_factory_servos_share_one_id():
 @pytest.mark.parametrize(
     ("line", "sentence"),
     [
-        ("mov elbow 1", "there are connect JOINT"),
+        ("mov elbow 1", "expected connect JOINT"),
         ("move elbo 1", r"no joint 'elbo' \(did you mean 'elbow'\?\)"),
         ("move elbow up", "'up' is not an angle in rad"),
-        ("connect", "there are connect JOINT"),
+        ("connect", "expected connect JOINT"),
     ],
 )
 def test_what_a_hand_cannot_do(line, sentence):

@@ -231,7 +231,7 @@ def test_a_link_takes_no_files_place(tmp_path):
             serve(world, lambda _: None, lambda: True, link)
     assert file.read_text() == "precious"
     assert os.readlink(elsewhere) == str(file)
-    with pytest.raises(RobotError, match=r"there is no folder .*/nowhere; make it first"):
+    with pytest.raises(RobotError, match=r"no folder .*/nowhere; create it first"):
         serve(world, lambda _: None, lambda: True, tmp_path / "nowhere" / "robot")
     stale = tmp_path / "robot"
     stale.symlink_to("/dev/pts/99999")

@@ -60,7 +60,7 @@ def test_a_recording_without_a_mapping_says_what_it_holds(tmp_path: Path) -> Non
     text = write_guess(path, tmp_path / "topics.yaml").read_text(encoding="utf-8")
     made = yaml.safe_load(text)["channels"]
     assert {"topic": "/joint_states", "field": "velocity", "names": "name", "to": "qvel"} in made
-    with pytest.raises(LogError, match="such a file already"):
+    with pytest.raises(LogError, match="the file exists"):
         write_guess(path, tmp_path / "topics.yaml")
 
 
@@ -70,10 +70,10 @@ def test_a_recording_without_a_mapping_says_what_it_holds(tmp_path: Path) -> Non
         (0, {"topic": "/comands"}, r"no message of '/comands'.*did you mean '/commands'"),
         (0, {"field": "dat"}, r"topic /commands: its messages have no field 'dat'"),
         (0, {"names": ["pan"]}, r"'data' has 2 numbers, 1 names"),
-        (0, {"to": "control"}, "no column 'control'"),
+        (0, {"to": "control"}, "unknown column 'control'"),
         (0, {"unit": "degree"}, "unit 'degree' is not known"),
-        ("qpos.pan", {"from": "pan pos"}, "there is no 'pan pos'"),
-        ("qpos.pan", {"form": "x"}, "`from` is needed"),
+        ("qpos.pan", {"from": "pan pos"}, "no 'pan pos'"),
+        ("qpos.pan", {"form": "x"}, "`from` .* is missing"),
         ("position.pan", "pan qpos", "unknown column 'position.pan'"),
         ("qpos.pan", {"from": "pan qpos", "unit": "grad"}, "unit 'grad' is not known"),
     ],
@@ -153,7 +153,7 @@ def test_a_guess_says_what_is_missing(tmp_path: Path) -> None:
     words, tree = guessed(tmp_path, "q1,dq1,q2\n0.1,1,0.2\n0.2,1,0.3\n")
     assert "missing: the command of a joint, `ctrl.<joint>`" in words
     assert tree["rate"] == "?"
-    with pytest.raises(LogError, match=r"`ctrl.<joint>: \{from: NAME\}` is needed"):
+    with pytest.raises(LogError, match=r"`ctrl.<joint>: \{from: NAME\}` is missing"):
         read_log(tmp_path / "a.csv")
     words, _ = guessed(tmp_path, "t,q1,cmd1,q2\n0,0.1,0.1,0.2\n0.1,0.2,0.1,0.3\n")
     assert "missing: `ctrl.joint2` for `qpos.joint2`" in words
@@ -238,7 +238,7 @@ def test_the_nanoseconds_of_a_stamp_are_added(tmp_path: Path) -> None:
         ("time", "rad", "'rad' is a unit of angle, and `time` is a column of time"),
         ("current.a", "V", "its units are 'A', 'mA'"),
         ("qpos.a", "%", "a percentage of a range becomes rad by `scale`"),
-        ("qpos.a", "counts/many", "names no counts of a turn; write `counts/4096`"),
+        ("qpos.a", "counts/many", "does not give the counts per turn; write `counts/4096`"),
     ],
 )
 def test_a_unit_of_another_dimension_is_refused(tmp_path, column: str, unit: str, sentence) -> None:
@@ -266,7 +266,7 @@ def test_lerobot_s_normalized_units_are_angles_about_the_middle(tmp_path: Path) 
         read_log(tmp_path / "episode.parquet")
     told = {"unit": "normalized", "calibration": "so101.json"}
     (tmp_path / "log.json").write_text(json.dumps(told))
-    with pytest.raises(LogError, match=r"so101.json is not there"):
+    with pytest.raises(LogError, match=r"so101.json does not exist"):
         read_log(tmp_path / "episode.parquet")
     ranges = {"pan": (1024, 3072), "gripper": (2000, 3024)}  # counts: half a turn, a quarter
     joints = {

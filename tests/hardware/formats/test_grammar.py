@@ -50,7 +50,19 @@ SUFFIXES = {
     "deg": ("", "_deg", " [deg]", "(degrees)"),
     "counts/4096": ("", "_raw", "_ticks"),
 }
-REMEDIES = ("write", "remove", "give", "repair", "correct", "map", "log it", "there are", "needed")
+REMEDIES = (
+    "write",
+    "remove",
+    "give",
+    "repair",
+    "correct",
+    "map",
+    "log it",
+    "available",
+    "choose one of",
+    "expected",
+    "needed",
+)
 
 
 class Drawn(NamedTuple):

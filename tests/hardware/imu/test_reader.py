@@ -215,7 +215,7 @@ def test_what_an_imu_cannot_be():
         made(mount=[1, 1, 0, 0])
     with pytest.raises(RobotError, match="is not 4 numbers"):
         made(mount=[1, 0, 0])
-    with pytest.raises(RobotError, match="there is no site 'head'; it has 'imu'"):
+    with pytest.raises(RobotError, match="no site 'head'; it has 'imu'"):
         EmulatedRobot(made(site="head"))
     with pytest.raises(RobotError, match="its file names no IMU"):
         load_robot("bench1").with_imu_at("/dev/x")

@@ -69,7 +69,7 @@ def test_a_robot_by_its_path(tmp_path: Path) -> None:
     ):
         tree = compose([*as_overrides(typed), "robot.rate=25"])
         assert tree["robot"] == expected | {"rate": 25}
-    with pytest.raises(RobotError, match=r"there is no robot 'none\.yaml'"):
+    with pytest.raises(RobotError, match=r"unknown robot 'none\.yaml'"):
         as_overrides(["record", "none.yaml"])
 
 
@@ -78,7 +78,7 @@ def test_a_robot_by_its_path(tmp_path: Path) -> None:
     [
         (["+experimnt=smoke"], r"did you mean \+experiment=smoke"),
         (["diagnose", "a.csv", "b.xml", "c.xml"], "two models"),
-        (["train", "hopper"], "train takes no 'hopper'"),
+        (["train", "hopper"], "train does not accept 'hopper'"),
         (["record", "bench1", "arm6"], "one robot"),
     ],
 )

@@ -56,7 +56,7 @@ def test_mistakes_in_them_are_sentences(own: Path) -> None:
     extensions.activate(own)
     with pytest.raises(ConfigError, match=r"adapt.widht: .*did you mean 'width'"):
         check({"_target_": "my_plain.Plain", "widht": 1.0}, "adapt")
-    with pytest.raises(ConfigError, match="it must be a number"):
+    with pytest.raises(ConfigError, match="expected a number"):
         check({"_target_": "my_plain.Plain", "width": "wide"}, "adapt")
     with pytest.raises(ConfigError, match=r"no such class.*did you mean 'Plain'"):
         check({"_target_": "my_plain.Plane"}, "adapt")
@@ -83,7 +83,7 @@ def test_modules_register_what_they_bring(own: Path) -> None:
 def test_a_module_that_would_hide_another_is_refused(own: Path) -> None:
     """A name that Python finds elsewhere already cannot be a user's module."""
     (own / "json.py").write_text("")
-    with pytest.raises(ConfigError, match="'json' is there already"):
+    with pytest.raises(ConfigError, match="'json' exists already"):
         extensions.activate(own)
     with pytest.raises(ConfigError, match="no such folder"):
         extensions.activate(own / "none")

@@ -22,12 +22,12 @@ def test_two_runs_of_one_second_have_two_folders(tmp_path: Path) -> None:
     ("typed", "sentence"),
     [
         (["run=replay"], "replay needs log=PATH"),
-        (["run=replay", "log=swin.csv"], r"log=swin.csv: there is no such .*'swing.csv'"),
-        (["run=replay", "log=swing.csv", "model=a.xml"], "model=a.xml: there is no such file"),
-        (["run=replay", "log=[swing.csv,b.csv]"], "log=b.csv: there is no such"),
-        (["run=export", "checkpoint=nowhere"], "checkpoint=nowhere: there is no such"),
+        (["run=replay", "log=swin.csv"], r"log=swin.csv: no such .*'swing.csv'"),
+        (["run=replay", "log=swing.csv", "model=a.xml"], "model=a.xml: no such file"),
+        (["run=replay", "log=[swing.csv,b.csv]"], "log=b.csv: no such"),
+        (["run=export", "checkpoint=nowhere"], "checkpoint=nowhere: no such"),
         (["run=evaluate"], "evaluate needs checkpoint=PATH"),
-        (["+experiment=smoke", "resume=nowhere"], "resume=nowhere: there is no such"),
+        (["+experiment=smoke", "resume=nowhere"], "resume=nowhere: no such"),
     ],
 )
 def test_what_is_not_there_is_refused_first(typed, sentence, tmp_path, monkeypatch) -> None:

@@ -96,7 +96,7 @@ def test_what_an_argument_makes_later_is_marked(module: str) -> None:
         "by_name": {"first": made, "second": child},  # whose objects are called themselves
     }
     check(marked(tree | {"made": later | {"names": [], "limits": {}, "other": 1}}), "x")
-    with pytest.raises(ConfigError, match=r"x\.one=3: it must be an object"):
+    with pytest.raises(ConfigError, match=r"x\.one=3: expected an object"):
         check(tree | {"one": 3}, "x")
 
 

@@ -94,7 +94,7 @@ def test_an_archive_that_could_run_code_is_refused(program, tmp_path, monkeypatc
     }
     for what, (ending, content, words) in bad.items():
         file = rewritten(program, tmp_path / f"{what}.pt2", ending, content)
-        with pytest.raises(ActorError, match="refused") as refused:
+        with pytest.raises(ActorError, match="rejected") as refused:
             load_actor(file)
         assert words in str(refused.value)
     assert not (tmp_path / "ran").exists()

@@ -127,9 +127,9 @@ def test_a_diagnosis_tells_what_is_closed(tmp_path: Path) -> None:
 
 def test_wrong_input_is_refused(trained: TrainedPolicy, tmp_path: Path) -> None:
     """No effects, one twice, too few episodes: a sentence each."""
-    with pytest.raises(Sim2RealError, match="holds no effects"):
+    with pytest.raises(Sim2RealError, match="contains no effects"):
         read_causes(file(tmp_path))
-    with pytest.raises(Sim2RealError, match="is there twice"):
+    with pytest.raises(Sim2RealError, match="occurs twice"):
         read_causes(file(tmp_path, WEAK, WEAK))
     causes = read_causes(file(tmp_path, WEAK))
     with pytest.raises(Sim2RealError, match="at least 2"):

@@ -128,7 +128,7 @@ def test_the_newest_registration_counts_once(tmp_path: Path) -> None:
         ({"is": "abvoe"}, r"is='abvoe' \(did you mean 'above'\?\)"),
         ({"is": "within"}, "says within and needs range"),
         ({"right": None}, "says above and needs right"),
-        ({"probabilty": 1}, r"takes no 'probabilty' \(did you mean 'probability'"),
+        ({"probabilty": 1}, r"does not accept 'probabilty' \(did you mean 'probability'"),
         ({"left": {"experiment": "udr"}}, "needs either a robot or a metric"),
         ({"left": {"robot": "target"}}, "also needs experiment"),
         ({"left": {"experiment": "udr", "metric": "x", "take": "mean"}}, "take='mean'"),

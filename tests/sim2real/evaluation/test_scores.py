@@ -136,7 +136,7 @@ def test_a_torn_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "grid.csv").write_text("\n".join(lines[:-1]), encoding="utf-8")
     with pytest.raises(ScoresError, match="evaluate again"):
         GridScores.read(tmp_path)
-    with pytest.raises(ScoresError, match="no whole evaluation"):
+    with pytest.raises(ScoresError, match="incomplete evaluation"):
         GridScores.read(tmp_path / "missing")
 
 

@@ -89,7 +89,7 @@ def test_mistakes_are_sentences(tmp_path: Path) -> None:
     make_run(tmp_path / "c", "ppo_source", 1, (1, 1), masses="legacy")
     with pytest.raises(RunsError, match=r"evaluated on .*HopperPolito.*Walker2d|Walker2d.*report"):
         Study(collect([tmp_path / "a", tmp_path / "b"]))
-    with pytest.raises(RunsError, match=r"legacy.*; report them apart"):
+    with pytest.raises(RunsError, match=r"legacy.*; report them separately"):
         Study(collect([tmp_path / "a", tmp_path / "c"]))
     (make_run(tmp_path / "d", "udr", 0, (1, 1)) / "config.yaml").unlink()
     with pytest.raises(RunsError, match=r"no readable config\.yaml"):

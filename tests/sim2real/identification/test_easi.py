@@ -171,7 +171,7 @@ def test_what_does_not_fit_is_refused() -> None:
         Matching(Mmd(), Cma())
     with pytest.raises(Sim2RealError, match="give checkpoint=RUN"):
         rollout(Recordings(DATA.logs), PRIOR.effects)
-    with pytest.raises(Sim2RealError, match=r"2 columns obs\.<i>, and Ant has 60"):
+    with pytest.raises(Sim2RealError, match=r"2 columns obs\.<i>, but Ant has 60"):
         transitions(DATA.logs[0], (60, 8), "Ant")
     with pytest.raises(Sim2RealError, match=r"provider\.steps=200 is longer than the longest"):
         rollout(DATA, PRIOR.effects, steps=200)

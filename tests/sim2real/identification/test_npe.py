@@ -104,5 +104,5 @@ def test_priors_that_hang_together_are_refused(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(npe, "find_spec", lambda name: name)
     joint = Distribution(PRIOR.entries, np.array([[1.0, 0.5], [0.5, 1.0]]))
     made = Linear(np.ones((1, 2)), 1.0, np.random.default_rng(0))
-    with pytest.raises(Sim2RealError, match="has a joint"):
+    with pytest.raises(Sim2RealError, match="has correlations"):
         Npe().fit(maker(made), joint, Recordings([]))

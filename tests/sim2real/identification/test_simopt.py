@@ -166,7 +166,7 @@ def test_stopped_rounds_resume(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert len(simulated) == 8 * (3 * GENERATIONS - 25)  # no generation twice
     texts = [(tmp_path / name / "rounds.csv").read_text() for name in ("whole", "resumed")]
     assert texts[0] == texts[1]
-    with pytest.raises(Sim2RealError, match="resume: there is no"):
+    with pytest.raises(Sim2RealError, match="resume: no"):
         go("none", resume=tmp_path / "nowhere")
 
 

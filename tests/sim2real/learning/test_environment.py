@@ -39,7 +39,7 @@ def test_effects_need_a_robot(tmp_path: Path) -> None:
     """A point in the plane has no torso to load, and a missing file is named before work starts."""
     path = tmp_path / "effects.yaml"
     path.write_text("[]", encoding="utf-8")
-    with pytest.raises(Sim2RealError, match="Nav2D simulates no robot"):
+    with pytest.raises(Sim2RealError, match="Nav2D does not simulate a robot"):
         EnvironmentFactory(partial(ToyEnv, partial(Nav2D))).with_effects(path)
     with pytest.raises(EffectError, match=r"missing\.yaml"):
         HOPPER.with_effects(tmp_path / "missing.yaml")
@@ -48,12 +48,15 @@ def test_effects_need_a_robot(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["algorithm=ppo", "adapt=hillclimb"], "PPO trains no policy that adapts; use adapt=none"),
+        (
+            ["algorithm=ppo", "adapt=hillclimb"],
+            "PPO cannot train a policy that adapts; use adapt=none",
+        ),
         (["policy=gru"], "a GRU needs policy.memory.python_based=true"),
-        (["loss=clip_ppo"], "ESMAML uses no loss; leave it out, or use loss=none"),
+        (["loss=clip_ppo"], "ESMAML does not use loss; remove it, or set loss=none"),
         (["algorithm=ppo", "optimizer=none"], "optimizer=null, but the algorithm needs one"),
-        (["transforms=normalized", "advantage=gae"], "went otherwise the second time: ToyEnv"),
-        (["algorithm=ppo_sb3", "transforms=pixels"], "reads 'pixels', which is not there"),
+        (["transforms=normalized", "advantage=gae"], "a repetition differed: ToyEnv"),
+        (["algorithm=ppo_sb3", "transforms=pixels"], "reads 'pixels', which is missing"),
         (["algorithm=ppo_sb3", "policy.in_keys=[image]"], "'image' is not shown"),
     ],
 )
@@ -145,10 +148,10 @@ def test_what_is_no_environment_or_transform_is_said() -> None:
 
     with pytest.raises(Sim2RealError, match=r"One has batch size \(1,\), asked for \(2,\)"):
         EnvironmentFactory(partial(One)).make(2)
-    with pytest.raises(Sim2RealError, match="dict makes a dict, no torchrl EnvBase"):
+    with pytest.raises(Sim2RealError, match="dict makes a dict, not a torchrl EnvBase"):
         odd_one: Any = partial(dict)
         EnvironmentFactory(odd_one).make(2)
-    with pytest.raises(Sim2RealError, match=r"transforms\.x is a int, no transform"):
+    with pytest.raises(Sim2RealError, match=r"transforms\.x is a int, not a transform"):
         EnvironmentFactory(partial(Spring), transforms={"x": int}).make(2)  # type: ignore[dict-item]
     odd = partial(RewardScaling, 0.0, 1.0, in_keys=["payment"])
     with pytest.raises(Sim2RealError, match=r"transforms\.pay: RewardScaling reads 'payment'"):

@@ -122,13 +122,13 @@ def test_what_does_not_fit_is_a_sentence(own: Path) -> None:
     """An actor that is no tensordict module, a loss that reads what is not there, no such class."""
     for words, sentence in (
         (["policy=bare"], "the actor is a Linear, no tensordict module; wrap it"),
-        (["loss=needy"], "loss: Needy reads 'wages', which is not there; there are: action,"),
+        (["loss=needy"], "loss: Needy reads 'wages', which is missing; available: action,"),
     ):
         _, given = instantiate(compose([*SMALL, *words]), own / "out")
         with pytest.raises(Sim2RealError, match=sentence):
             build(given["algorithm"], given["parts"]).iterate()
     (own / "loss" / "gone.yaml").write_text("# mine\n_target_: my_parts.Gone\n_partial_: true\n")
-    with pytest.raises(ConfigError, match=r"my_parts\.Gone: there is no such class"):
+    with pytest.raises(ConfigError, match=r"my_parts\.Gone: no such class"):
         compose([*SMALL, "loss=gone"])
 
 

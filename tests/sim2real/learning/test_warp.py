@@ -84,5 +84,5 @@ def test_training_collects_where_the_tensors_are(algorithm: str) -> None:
 def test_what_a_device_cannot_act_by_is_refused_by_name() -> None:
     """A population on a device takes perceptrons."""
     rows = MujocoEnv(Hopper(), 2).rows
-    with pytest.raises(Sim2RealError, match="population of perceptrons, this one is a str"):
+    with pytest.raises(Sim2RealError, match="populations of perceptrons, not of a str"):
         Slots("a policy", rows)

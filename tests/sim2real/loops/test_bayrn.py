@@ -100,7 +100,7 @@ def test_what_was_told_is_not_asked_again(tmp_path: Path) -> None:
     for folder in ("whole", "part"):
         np.testing.assert_allclose(read(tmp_path / folder / FILE).mean, whole.result.mean)
     assert f"Round {whole.best + 1:02d} is best" in (tmp_path / "part" / "table.md").read_text()
-    with pytest.raises(Sim2RealError, match="search of other settings"):
+    with pytest.raises(Sim2RealError, match="search had other settings"):
         search(recipe.start(PRIOR, 1), lambda d, name: 0.0, tmp_path / "part")
 
 
@@ -109,7 +109,7 @@ def test_what_cannot_be_told_or_asked_is_refused() -> None:
     session = BayRn(first=2, rounds=2).start(ONE, 0)
     with pytest.raises(Sim2RealError, match="finite number, got nan"):
         session.tell(float("nan"))
-    with pytest.raises(Sim2RealError, match="0 values say nothing"):
+    with pytest.raises(Sim2RealError, match="0 values are too few"):
         _ = session.best
     drive(session, lambda d: 1.0)  # all the same: no error
     assert session.best in (0, 1)

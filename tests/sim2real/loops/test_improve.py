@@ -73,7 +73,7 @@ def test_a_distance_is_asked_for_until_it_is_a_number() -> None:
     def gone(question: str) -> str:
         raise EOFError
 
-    with pytest.raises(Sim2RealError, match="there is no terminal to enter how far it went"):
+    with pytest.raises(Sim2RealError, match="there is no terminal to enter the distance"):
         Operator(gone).distance("episode 1 of 2")
 
 
@@ -176,7 +176,7 @@ def test_training_goes_on_from_a_policy_in_another_simulator(name: str, tmp_path
     same = build(given["algorithm"], parts)
     restore(find(tmp_path / "a"), same, same.identity, generators=False)
     np.testing.assert_array_equal(same.trained().theta, first.trained().theta)
-    with pytest.raises(Sim2RealError, match=r"has 1 iterations and \d+ steps behind it"):
+    with pytest.raises(Sim2RealError, match=r"has 1 iterations and \d+ steps already"):
         train(parts=parts, iterations=1, start=tmp_path / "a", out=tmp_path / "b", **settings)
     assert not (tmp_path / "b").exists()
     more = train(parts=parts, iterations=2, start=tmp_path / "a", out=tmp_path / "c", **settings)

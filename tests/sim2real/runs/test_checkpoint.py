@@ -179,7 +179,7 @@ def test_another_task_or_policy_is_refused_with_both_values(tmp_path: Path) -> N
     """The sentence names what the checkpoint and the run have; the algorithm is untouched."""
     saved(tmp_path, 1)
     walk = Walk()
-    with pytest.raises(CheckpointError, match=r"task Walk, this run has task Hopper"):
+    with pytest.raises(CheckpointError, match=r"task Walk, but this run has task Hopper"):
         checkpoint.restore(tmp_path, walk, {"task": "Hopper"})
     with pytest.raises(CheckpointError, match=r"policy\.hidden \[4\], .*policy\.hidden \[8, 8\]"):
         checkpoint.restore(tmp_path, walk, {"policy": {"hidden": (8, 8)}})
@@ -262,7 +262,7 @@ def test_what_is_no_checkpoint_is_refused(tmp_path: Path) -> None:
     """A missing path, an empty folder and a file of another kind each get their sentence."""
     with pytest.raises(CheckpointError, match="does not exist"):
         checkpoint.find(tmp_path / "nowhere")
-    with pytest.raises(CheckpointError, match="holds no checkpoint"):
+    with pytest.raises(CheckpointError, match="contains no checkpoint"):
         checkpoint.find(tmp_path)
     (tmp_path / "model.pt").write_bytes(b"x")
     with pytest.raises(CheckpointError, match=r"named checkpoint-\*\.torchrl"):

@@ -38,7 +38,10 @@ def test_a_guard_ends_with_its_answer(tmp_path: Path, monkeypatch: pytest.Monkey
     [
         ([], "two sides"),
         (["before=log.csv"], "two sides"),
-        (["before=log.csv", "units=[log.csv,log.csv,log.csv]"], "leave before= and after= out"),
+        (
+            ["before=log.csv", "units=[log.csv,log.csv,log.csv]"],
+            "units= replaces before= and after=",
+        ),
     ],
 )
 def test_one_side_is_not_enough(tmp_path: Path, monkeypatch, words: list[str], said: str) -> None:

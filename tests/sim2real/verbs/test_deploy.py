@@ -162,10 +162,10 @@ def test_a_state_that_does_not_fit_is_refused(run, tmp_path):
         with pytest.raises(Sim2RealError, match="give the same trials= and adapt="):
             go(run, tmp_path / "b", f"resume={tmp_path / 'a'}", *words)
     other = train(tmp_path / "other", [*SMALL_ES, "seed=7"])
-    with pytest.raises(Sim2RealError, match="was of another policy"):
+    with pytest.raises(Sim2RealError, match="used another policy"):
         go(other, tmp_path / "b", f"resume={tmp_path / 'a'}")
     (tmp_path / "a" / "state.npz").write_bytes(b"PK")
-    with pytest.raises(Sim2RealError, match="this is incomplete or damaged"):
+    with pytest.raises(Sim2RealError, match="deployment is incomplete or damaged"):
         go(run, tmp_path / "b", f"resume={tmp_path / 'a'}")
 
 
@@ -235,7 +235,7 @@ def test_what_cannot_be_is_refused_before_torque(run, tmp_path):
         go(run, tmp_path, robot=bench(bus=slow))
     with pytest.raises(Sim2RealError, match=r"bench1 at /dev/x would move; clear .* arm=true"):
         go(run, tmp_path, "port=/dev/x")
-    with pytest.raises(Sim2RealError, match="one trained policy is needed, none was given"):
+    with pytest.raises(Sim2RealError, match="expected one trained policy, none was given"):
         go(run, tmp_path, "env=hopper", checkpoint=None)
     with pytest.raises(Sim2RealError, match="settle=-1"):
         go(run, tmp_path, settle=-1.0)
@@ -274,7 +274,9 @@ def test_a_robot_that_is_stopped_says_why_and_how_to_go_on(run, tmp_path):
     assert len(done.before) == 2
     with pytest.raises(Sim2RealError, match=r"stops\.odd_volt=0\.5 \(did you mean 'odd_voltage'"):
         go(run, tmp_path / "out", "stops={odd_volt: 0.5}")
-    with pytest.raises(Sim2RealError, match=r"stops\.lost=5 is a part: above 0 and at most 1"):
+    with pytest.raises(
+        Sim2RealError, match=r"stops\.lost=5 is a fraction; expected above 0 and at most 1"
+    ):
         go(run, tmp_path / "out", "stops={lost: 5}")
 
 

@@ -187,7 +187,7 @@ def test_a_grid_outside_the_space_is_refused_before_any_episode() -> None:
 def test_a_grid_is_checked_before_training() -> None:
     """An axis of no parameter of the policy's robots is named with those that there are."""
     wrong = evaluation(grid=Grid([{"parameter": "foo", "low": 0.0, "high": 1.0, "count": 2}]))
-    with pytest.raises(ValueError, match=r"no parameter 'foo' here; there are: goal\.x"):
+    with pytest.raises(ValueError, match=r"no parameter 'foo'; choose one of: goal\.x"):
         wrong.check(Still(NoAdaptation()))
     evaluation().check(Still(NoAdaptation()))
 
@@ -229,7 +229,7 @@ def test_nothing_to_evaluate_is_refused(tmp_path: Path) -> None:
         find_runs(None)
     with pytest.raises(Sim2RealError, match="does not exist"):
         find_runs(tmp_path / "missing")
-    with pytest.raises(Sim2RealError, match="holds no checkpoint"):
+    with pytest.raises(Sim2RealError, match="contains no checkpoint"):
         find_runs(tmp_path)
 
 

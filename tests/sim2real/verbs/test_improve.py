@@ -142,7 +142,7 @@ def test_a_loop_that_was_killed_ends_alike(rounds, run, tmp_path, diagnosed, mon
     go(run, tmp_path / "other", *settings, f"resume={part}")
     assert told(part)["rounds"] == told(tmp_path / "whole")["rounds"]
     assert [len(logs) for logs in diagnosed] == [2, 4][:rounds] * 2  # all recordings so far
-    with pytest.raises(Sim2RealError, match=r"that loop has trials=2, this one 3"):
+    with pytest.raises(Sim2RealError, match=r"the earlier loop had trials=2, this one 3"):
         go(run, tmp_path / "other", *settings, f"resume={part}", "trials=3")
 
 
@@ -196,7 +196,7 @@ def test_nothing_found_on_the_ground_ends_it(run: Path, tmp_path, diagnosed, mon
         (("trials=1",), "trials=1: at least 2 episodes"),
         (("rounds=0",), "rounds=0 must be at least 1"),
         (("port=/dev/x",), r"bench1 at /dev/x would move; .* arm=true"),
-        (("model=conf/config.yaml",), "give log=PATH with it"),
+        (("model=conf/config.yaml",), "give log=PATH"),
     ],
 )
 def test_what_cannot_be_is_refused_before_anything_moves(run, tmp_path, text, message) -> None:

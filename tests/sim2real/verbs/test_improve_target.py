@@ -137,8 +137,8 @@ def test_a_policy_gets_in_the_corrected_simulator_what_it_gets_on_the_target(
     [
         (("trials=1",), "trials=1: at least 2 episodes"),
         (("by=luck",), "by=luck is none of diagnosis, returns"),
-        (("log=x.csv",), "leave it, target= or by=returns out"),
-        (("port=/dev/x",), "leave port= out, or target="),
+        (("log=x.csv",), "remove log=, target= or by=returns"),
+        (("port=/dev/x",), "remove port= or target="),
     ],
 )
 def test_what_cannot_be_is_refused(policy: Path, tmp_path, words: tuple[str, ...], message) -> None:

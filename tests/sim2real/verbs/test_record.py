@@ -143,7 +143,7 @@ def test_a_leader_that_cannot_be_followed(tmp_path: Path) -> None:
         follow(tmp_path, leader="so101")
     with pytest.raises(Sim2RealError, match="lead is emulated and arm2 is /dev/x: give leader_p"):
         follow(tmp_path, port="/dev/x", arm=True)
-    with pytest.raises(Sim2RealError, match="both at /dev/x; each has a port"):
+    with pytest.raises(Sim2RealError, match="both have the port /dev/x; give each its own"):
         follow(tmp_path, port="/dev/x", leader_port="/dev/x", arm=True)
     with pytest.raises(Sim2RealError, match="add arm=true"):
         follow(tmp_path, port="/dev/x", leader_port="/dev/y")

@@ -120,7 +120,7 @@ def test_a_run_goes_on_from_the_policy_of_another(tmp_path: Path) -> None:
     rows = list(csv.DictReader((tmp_path / "tuned" / "metrics.csv").open()))
     assert (tuned.iteration, tuned.frames, len(rows)) == (8, 80, 2)
     assert abs(tuned.value - first.value) < 10 and tuned.value != first.value
-    with pytest.raises(CheckpointError, match="has task Nav2D, this run has task FourCorners"):
+    with pytest.raises(CheckpointError, match="has task Nav2D, but this run has task FourCorners"):
         go(tmp_path / "other", start=tmp_path / "first", parts=world(FourCorners))
     with pytest.raises(Sim2RealError, match=r"has 6 iterations and 60 steps.*iterations=12"):
         go(tmp_path / "spent", iterations=6, start=tmp_path / "first")
@@ -242,7 +242,7 @@ def test_a_checkpoint_of_another_task_is_refused(tmp_path: Path) -> None:
         """Another place."""
 
     go(tmp_path / "run")
-    with pytest.raises(CheckpointError, match="task Nav2D, this run has task Elsewhere"):
+    with pytest.raises(CheckpointError, match="task Nav2D, but this run has task Elsewhere"):
         go(tmp_path / "out", resume=tmp_path / "run", parts=world(Elsewhere))
     assert not (tmp_path / "out").exists()
 

@@ -227,9 +227,9 @@ def test_what_cannot_be_compared_is_refused(model, tmp_path: Path) -> None:
         compare(driven(), driven(), model, watch=["friction"])
     with pytest.raises(Sim2RealError, match=r"limits\.backlash=-1 must be"):
         compare(driven(), driven(), model, limits={"backlash": -1})
-    with pytest.raises(Sim2RealError, match="fewer than 3"):
+    with pytest.raises(Sim2RealError, match="expected at least 3 robots"):
         compare_fleet({"a": driven(), "b": driven()}, model)
-    with pytest.raises(Sim2RealError, match="after: there are no logs"):
+    with pytest.raises(Sim2RealError, match="after: no logs"):
         compare(driven(), [], model)
 
 

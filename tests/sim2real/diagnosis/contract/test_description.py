@@ -79,14 +79,14 @@ BAD = {
     "an unknown key": (changed(rates=5), "did you mean 'rate'"),
     "an unknown key of a term": (
         changed(observation=[{"term": "gyro", "order": "wxyz"}]),
-        "no key 'order'",
+        "unknown key 'order'",
     ),
     "no terms": (changed(observation=[]), "must be a list of terms"),
     "scale 0": (changed(observation=[{"term": "gyro", "scale": 0.0}]), "other than 0"),
     "too few scales": (changed(observation=[{"term": "gyro", "scale": [1, 2]}]), "2 numbers for 3"),
     "a joint that is not there": (
         changed(observation=[{"term": "joint_velocity", "joints": ["c"]}]),
-        "no joint 'c'",
+        "unknown joint 'c'",
     ),
     "a pose in degrees": (changed(default_pose=[10.0, 45.0]), "within a turn"),
     "a pose of three": (changed(default_pose=[0.1, 0.2, 0.3]), "must be 2 angles"),
@@ -99,7 +99,7 @@ BAD = {
     "a normalizer of one": (changed(normalizer={"mean": [0.0], "std": [1.0]}), "needs 5 numbers"),
     "an unknown base": (changed(base="leged_gym"), "did you mean 'legged_gym'"),
     "a list": ("[1, 2]", "expected a mapping"),
-    "no YAML": ("a: [", "no YAML"),
+    "invalid YAML": ("a: [", "invalid YAML"),
     "a NaN": (changed(action={"scale": float("nan")}), "other than 0"),
 }
 

@@ -78,7 +78,7 @@ def test_a_policy_that_cannot_be_read_is_a_line(tmp_path: Path) -> None:
     log, _ = walk(see={"gyro": np.degrees})
 
     def load(path: str | Path) -> Any:
-        raise Sim2RealError(f"{path}: there is no such policy")
+        raise Sim2RealError(f"{path}: no such policy")
 
     found = check_beforehand([told(tmp_path, log, policy="gone")], load)
     assert [finding.where for finding in found.findings] == [None]

@@ -105,5 +105,5 @@ def test_a_log_that_is_blocked_throughout_is_refused(tmp_path: Path) -> None:
     """It would be left without a window; the message says which and what to do."""
     log = arm.make_log(seconds=4.0)
     blocked = Log({**log.columns, "flag.blocked": np.ones(len(log))}, log.meta, Path("b.csv"))
-    with pytest.raises(Sim2RealError, match=r"b.csv: no piece of its 200 rows .* leave it out"):
+    with pytest.raises(Sim2RealError, match=r"b.csv: no piece of its 200 rows .* remove it"):
         Data.of([log, blocked], arm.model(tmp_path))

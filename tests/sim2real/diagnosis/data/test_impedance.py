@@ -98,7 +98,7 @@ def test_gains_of_an_actuator_that_can_have_none_are_refused(tmp_path: Path) -> 
     (tmp_path / "arm.xml").write_text(text, encoding="utf-8")
     log = arm.make_log(seconds=2.0)
     gains = {"kp.a": np.ones(len(log)), "kd.a": np.ones(len(log))}
-    with pytest.raises(LogError, match="gains of a: actuator 'a' of the model cannot be under"):
+    with pytest.raises(LogError, match="gains of a: actuator 'a' of the model cannot have"):
         Data.of([Log({**log.columns, **gains})], tmp_path / "arm.xml")
 
 

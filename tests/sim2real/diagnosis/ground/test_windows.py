@@ -71,7 +71,7 @@ def test_a_log_that_holds_its_base_is_cut_as_before(cut: Cut) -> None:
     assert estimate_all([estimates[0].log], None, DEFAULT.ground) == []
     log = without(estimates[0].log, "accelerometer")
     bare = {n: c for n, c in log.columns.items() if ".root." not in n}
-    with pytest.raises(Sim2RealError, match="diagnose logs of one kind"):
+    with pytest.raises(Sim2RealError, match="diagnose them separately"):
         estimate_all([log, replace(log, columns=bare)], None, DEFAULT.ground)
 
 

@@ -60,5 +60,5 @@ def test_a_report_is_found_by_its_folder(tmp_path: Path) -> None:
     with pytest.raises(Sim2RealError, match="gone: No such file"):
         read_report(tmp_path / "gone")
     (tmp_path / "report.json").write_text(json.dumps([1]))
-    with pytest.raises(Sim2RealError, match="no report of a diagnosis"):
+    with pytest.raises(Sim2RealError, match="not a report of a diagnosis"):
         read_report(tmp_path)

@@ -98,7 +98,7 @@ def test_a_policy_that_is_told_nothing_is_refused() -> None:
     with pytest.raises(Sim2RealError, match="trained without them"):
         operator.bind_environment(environment_of(compose(WORDS)))
     for words, sentence in (
-        ([*TOLD, *SMALL, "adapt=identify"], "trains no policy by identification"),
+        ([*TOLD, *SMALL, "adapt=identify"], "cannot train with identification"),
         ([*TOLD, *SMALL, "adapt=hillclimb"], "already receives the true values of"),
     ):
         _, given = instantiate(compose([*words, "eval=grid_hopper"]), Path())

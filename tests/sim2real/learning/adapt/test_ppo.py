@@ -264,16 +264,16 @@ def test_what_cannot_be_is_refused_in_a_sentence() -> None:
         one.tell(0.0, episodes()[0])
     with pytest.raises(Sim2RealError, match=r"bind_policy\(actor, critic\)"):
         ADAPT.start(theta, np.random.default_rng(0))
-    with pytest.raises(Sim2RealError, match="here is none; train with policy=actor_"):
+    with pytest.raises(Sim2RealError, match="but found none; train with policy=actor_"):
         ADAPT.bind_policy(policy().actor)
-    with pytest.raises(Sim2RealError, match="here is none"):
+    with pytest.raises(Sim2RealError, match="but found none"):
         ADAPT.check(object())
     shared: Any = policy().critic
-    with pytest.raises(Sim2RealError, match="here is TensorDictSequential"):
+    with pytest.raises(Sim2RealError, match="but found TensorDictSequential"):
         FunctionalCritic(TensorDictSequential(shared))  # as of an actor and a critic that share
     operator = one._recipe
     with pytest.raises(Sim2RealError, match=r"algorithm\.critic=true"):
         operator.start_batch(theta[None], np.zeros((1, 0, len(theta))))
     cohort = operator.start_batch(parameters(policy()).numpy()[None], np.zeros((1, 0, 1)))
-    with pytest.raises(Sim2RealError, match="received returns alone"):
+    with pytest.raises(Sim2RealError, match="received only returns"):
         cohort.tell(np.array([0]), np.array([0]), np.array([1.0]))

@@ -140,7 +140,7 @@ def test_what_cannot_be_is_refused_in_a_sentence() -> None:
     with pytest.raises(Sim2RealError, match=r"algorithm\.critic=true"):
         build(lambda parts: lacking, lacking.parts)
     actor = partial(actor_critic, actor=NETWORK, critic=None)
-    with pytest.raises(Sim2RealError, match="here is none; train with policy=actor_"):
+    with pytest.raises(Sim2RealError, match="but found none; train with policy=actor_"):
         made(BiasedCartPole, AngleBias(), actor, QUICK, 0, **OWN)
     algorithm = small()
     remote = RemotePopulation([], algorithm.policy, algorithm.population.space)

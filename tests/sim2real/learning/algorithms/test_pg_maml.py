@@ -126,7 +126,7 @@ def test_without_a_direction_it_says_so_and_stays(caplog: pytest.LogCaptureFixtu
     with pytest.MonkeyPatch.context() as patch, caplog.at_level(logging.WARNING):
         patch.setattr(type(operator), "experience", indifferent)
         metrics = algorithm.iterate()
-    assert "the gradient is zero; the policy stays as it is" in caplog.text
+    assert "the gradient is zero; the policy is unchanged" in caplog.text
     assert metrics["train/moved"] == 0 and algorithm.iteration == 1
     assert torch.equal(before, parameters_to_vector(algorithm.policy.parameters()))
 
@@ -161,7 +161,7 @@ def test_what_cannot_be_is_refused_in_a_sentence() -> None:
     """Another adaptation, a critic, an optimizer that is not used, counts below 1."""
     with pytest.raises(Sim2RealError, match=r"PGMAML trains for .* PolicyGradient, .* HillClimb"):
         learner("adapt=hillclimb")
-    with pytest.raises(Sim2RealError, match=r"an actor alone, .*; use policy=actor"):
+    with pytest.raises(Sim2RealError, match=r"only an actor, .*; use policy=actor"):
         learner("policy=actor_critic")
     with pytest.raises(Sim2RealError, match="NaturalStep uses no optimizer"):
         learner("optimizer=adam")

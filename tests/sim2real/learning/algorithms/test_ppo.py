@@ -318,9 +318,9 @@ def test_what_cannot_be_is_refused_in_a_sentence() -> None:
         learner(epochs=0)
     with pytest.raises(Sim2RealError, match=r"minibatch_size=64 is more than the 32 samples"):
         learner(num_rows=4, steps=8)
-    with pytest.raises(Sim2RealError, match="it has no critic, and ppo trains one, too; use"):
+    with pytest.raises(Sim2RealError, match="ppo also needs a critic; use"):
         learner("policy=actor")
-    with pytest.raises(Sim2RealError, match="MLPPolicy is none; use policy=actor_critic"):
+    with pytest.raises(Sim2RealError, match="MLPPolicy is neither; use policy=actor_critic"):
         learner("policy=mlp")
 
 

@@ -249,9 +249,9 @@ def test_what_cannot_be_is_refused_in_a_sentence() -> None:
     """Ratios of 0, a policy of another kind, another network, a part that it does not use."""
     with pytest.raises(Sim2RealError, match="update_ratio=0"):
         learner(update_ratio=0.0)
-    with pytest.raises(Sim2RealError, match="Policy is none; use policy=soft_actor_critic"):
+    with pytest.raises(Sim2RealError, match="Policy is neither; use policy=soft_actor_critic"):
         learner("policy=actor_critic")
-    with pytest.raises(Sim2RealError, match="SAC uses no advantage"):
+    with pytest.raises(Sim2RealError, match="SAC does not use advantage"):
         learner("advantage=gae", *SMALL)
     state = learner().state_dict()
     state["policy"] = state["policy"] | {"log_alpha": [8]}

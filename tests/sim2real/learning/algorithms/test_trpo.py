@@ -130,7 +130,7 @@ def test_without_a_direction_the_actor_stays(caplog: pytest.LogCaptureFixture) -
     critic = parameters_to_vector(judge.parameters()).clone()
     with caplog.at_level(logging.WARNING):
         _, logged = algorithm._learn(data)
-    assert "the gradient is zero; the policy stays as it is" in caplog.text
+    assert "the gradient is zero; the policy is unchanged" in caplog.text
     assert logged["train/moved"] == 0 and logged["train/kl"] == 0
     assert torch.equal(actor, parameters_to_vector(algorithm.policy.actor.parameters()))
     assert not torch.equal(critic, parameters_to_vector(judge.parameters()))
@@ -166,7 +166,7 @@ def test_what_cannot_be_is_refused_in_a_sentence() -> None:
         learner("critic_epochs=0")
     with pytest.raises(Sim2RealError, match=r"max_kl=0\.0 must be above 0"):
         learner("step.max_kl=0.0")
-    with pytest.raises(Sim2RealError, match="algorithm=trpo trains an actor and a critic"):
+    with pytest.raises(Sim2RealError, match="algorithm=trpo needs an actor and a critic"):
         learner("policy=mlp")
 
 

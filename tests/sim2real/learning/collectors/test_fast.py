@@ -146,7 +146,9 @@ def test_a_buffer_is_filled() -> None:
 
 def test_what_it_has_not_is_refused() -> None:
     """Options and environments that need TorchRL's collector: a sentence that says so."""
-    with pytest.raises(Sim2RealError, match="has not compact_obs=True; use collector=sync"):
+    with pytest.raises(
+        Sim2RealError, match="does not support compact_obs=True; use collector=sync"
+    ):
         FastCollector(world(), actor(), frames_per_batch=5, compact_obs=True)
     with pytest.raises(Sim2RealError, match=r"batch size \(\)"):
         FastCollector(envs.GymEnv("Pendulum-v1"), None, frames_per_batch=5)

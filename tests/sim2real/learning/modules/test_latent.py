@@ -67,7 +67,9 @@ def test_a_search_moves_latent_numbers_alone() -> None:
 def test_a_policy_without_latent_numbers_is_refused() -> None:
     """Else the search would move the last biases; so is another number of them, and none at all."""
     search = LatentSearch(dims=2, mode="sequential", queries=1, parallel=1, sigma=0.3)
-    with pytest.raises(Sim2RealError, match="has no latent numbers to search; take policy=latent"):
+    with pytest.raises(
+        Sim2RealError, match="has no latent numbers to search; choose policy=latent"
+    ):
         search.check(MLPPolicy(4, 2, *LIMITS, **OPTIONS))
     with pytest.raises(Sim2RealError, match=r"has 3 latent .*; set adapt\.dims=3"):
         search.check(make(3))

@@ -165,5 +165,5 @@ def test_what_rows_cannot_call_is_refused() -> None:
     with pytest.raises(Sim2RealError, match=r"python_based=true"):
         policy(recurrent(python_based=False))
     module = TensorDictModule(nn.Linear(4, 3), in_keys=["pixels"], out_keys=["action"])
-    with pytest.raises(Sim2RealError, match=r"see no pixels"):
+    with pytest.raises(Sim2RealError, match=r"do not receive pixels"):
         policy(module)

@@ -174,8 +174,8 @@ def test_somebody_else_s_environment_is_rows_too() -> None:
 @pytest.mark.parametrize(
     ("environment", "sentence"),
     [
-        (world(norm=RunningNorm), "went otherwise the second time: MujocoEnv with the"),
-        (world(pay=partial(RewardScaling, 0.99)), "RewardScaling; leave out transforms that keep"),
+        (world(norm=RunningNorm), "a repetition differed: MujocoEnv with the"),
+        (world(pay=partial(RewardScaling, 0.99)), "RewardScaling; remove transforms that keep"),
         (EnvironmentFactory(partial(Drift, own=True)), "Drift with the transforms none"),
         (EnvironmentFactory(partial(Deaf)), r"Deaf takes none .*; let its _reset take seeds"),
     ],
