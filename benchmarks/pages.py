@@ -7,6 +7,7 @@ settings, docstrings of the report's classes and of the effects.
 """
 
 import dataclasses
+import inspect
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -118,13 +119,12 @@ def report_json() -> str:
 
 def _fields(kind: type) -> Iterator[tuple[str, str, str]]:
     """Yield name, type and meaning of a class's fields that stand in the file."""
-    about = dict(
-        re.findall(r"^        (\w+): (.*(?:\n {12}.*)*)", kind.__doc__ or "", re.MULTILINE)
-    )
+    about = dict(re.findall(r"^    (\w+): .*  # (.*)$", inspect.getsource(kind), re.MULTILINE))
+    about |= re.findall(r"^        (\w+): (.*(?:\n {12}.*)*)", kind.__doc__ or "", re.MULTILINE)
     for one in dataclasses.fields(kind):
         if one.name != "evidence":
             of = _kind(str(one.type))
-            meaning = " ".join(about.get(one.name, "–").split()).replace("None", "`null`")
+            meaning = " ".join(about[one.name].split()).replace("None", "`null`")
             yield one.name, of, meaning.rstrip(".")
 
 

@@ -79,34 +79,21 @@ class WholeReplay:
 
 @dataclass(frozen=True)
 class Regime:
-    """A kind of motion and its fraction of a joint's gap.
+    """A kind of motion and its fraction of a joint's gap."""
 
-    Args:
-        name: such as `reversal` or `hold`.
-        share: its fraction of the joint's gap.
-    """
-
-    name: str
-    share: float
+    name: str  # such as `reversal` or `hold`
+    share: float  # its fraction of the joint's gap
 
 
 @dataclass(frozen=True)
 class JointGap:
-    """A joint's fraction of the gap, and its errors.
+    """A joint's fraction of the gap, and its errors."""
 
-    Args:
-        joint: its name.
-        share: its fraction of the gap.
-        before: its error with the model as given [rad or m].
-        after: its error with the causes in the model; None if there are none.
-        regimes: kinds of motion, the largest fraction first.
-    """
-
-    joint: str
-    share: float
-    before: float
-    after: float | None = None
-    regimes: tuple[Regime, ...] = ()
+    joint: str  # its name
+    share: float  # its fraction of the gap
+    before: float  # its error with the model as given [rad or m]
+    after: float | None = None  # its error with the causes in the model; None if there are none
+    regimes: tuple[Regime, ...] = ()  # kinds of motion, the largest fraction first
 
 
 @dataclass(frozen=True)
@@ -171,45 +158,28 @@ class Cause:
 
 @dataclass(frozen=True)
 class Unexplained:
-    """The remaining gap.
+    """The remaining gap."""
 
-    Args:
-        share: its fraction of the closable gap.
-        structure: where the remaining error is largest; "none": it looks like noise.
-    """
-
-    share: float
-    structure: str
+    share: float  # its fraction of the closable gap
+    structure: str  # where the remaining error is largest; "none": it looks like noise
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A finding of the preflight, and its remedy.
+    """A finding of the preflight, and its remedy."""
 
-    Args:
-        check: name of the check.
-        where: joint, actuator or column; None: the whole log.
-        finding: what the check found, as a sentence.
-        fix: how to fix it.
-    """
-
-    check: str
-    where: str | None
-    finding: str
-    fix: str
+    check: str  # name of the check
+    where: str | None  # joint, actuator or column; None: the whole log
+    finding: str  # what the check found, as a sentence
+    fix: str  # how to fix it
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number and its 90 % interval, by subsampling of episodes.
+    """A number and its 90 % interval, by subsampling of episodes."""
 
-    Args:
-        value: the number.
-        ci: its interval.
-    """
-
-    value: float
-    ci: Pair
+    value: float  # the number
+    ci: Pair  # its interval
 
 
 @dataclass(frozen=True)
@@ -233,17 +203,11 @@ class Distance:
 
 @dataclass(frozen=True)
 class Returns:
-    """Mean return of an episode, on the robot and in both simulators.
+    """Mean return of an episode, on the robot and in both simulators."""
 
-    Args:
-        robot: on the robot.
-        nominal: in the training simulator.
-        corrected: in that simulator with the effects; None without effects.
-    """
-
-    robot: Estimate
-    nominal: Estimate
-    corrected: Estimate | None
+    robot: Estimate  # on the robot
+    nominal: Estimate  # in the training simulator
+    corrected: Estimate | None  # in that simulator with the effects; None without effects
 
 
 @dataclass(frozen=True)
