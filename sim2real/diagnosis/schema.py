@@ -93,7 +93,7 @@ class JointGap:
     share: float  # its fraction of the gap
     before: float  # its error with the model as given [rad or m]
     after: float | None = None  # its error with the causes in the model; None if there are none
-    regimes: tuple[Regime, ...] = ()  # kinds of motion, the largest fraction first
+    regimes: tuple[Regime, ...] = ()  # kinds with a larger fraction of the gap than of the time
 
 
 @dataclass(frozen=True)
