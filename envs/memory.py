@@ -81,7 +81,7 @@ def check_memory(needed: float, what: str, remedy: str) -> None:
     there = available()
     if needed > there:
         raise EnvsError(
-            f"{what} need about {format_bytes(needed)} of memory, and {format_bytes(there)} are "
+            f"{what} need about {format_bytes(needed)} of memory, but {format_bytes(there)} are "
             f"free; "
             f"ask for {remedy}"
         )

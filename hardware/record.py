@@ -201,7 +201,7 @@ class Recording:
         rows = self._rows
         if len(rows) < 2:
             name = self._guard.driver.robot.name
-            raise LogError(f"{name}: {len(rows)} rows were recorded, a log has at least 2")
+            raise LogError(f"{name}: {len(rows)} rows were recorded, but a log has at least 2")
         columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
         return Log(columns, self._meta())
 

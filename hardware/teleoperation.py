@@ -72,7 +72,7 @@ class Leader:
         rate, robot = self._follower.rate, self._driver.robot
         if self._driver.cycle_time() > 1 / rate:
             raise ServoError(
-                f"{robot.name}: reading it takes {self._driver.cycle_time() * 1e3:.1f} ms, and "
+                f"{robot.name}: reading it takes {self._driver.cycle_time() * 1e3:.1f} ms, but "
                 f"{self._follower.name} is commanded {rate:g} times a second: lower robot.rate"
             )
 
@@ -110,9 +110,9 @@ def check_joints(leader: Robot, follower: Robot) -> None:
     missing = [name for name in follower.names if name not in leader.names]
     if alone or missing:
         raise RobotError(
-            f"the leader {leader.name} has other joints than {follower.name}: "
+            f"the leader {leader.name} has different joints from {follower.name}: "
             f"{format_names(alone)} only the leader, {format_names(missing)} only the follower; "
-            "name the servos of both alike"
+            "give the servos of both the same names"
         )
 
 

@@ -38,8 +38,8 @@ def refuse_kinds(log: Log, spec: mujoco.MjSpec, settings: Kinds = DEFAULT.kinds)
     if not any(servos) and all(one > settings.follows for one in alike.values()):
         if _gap(log, spec, joints, settings) > settings.lost:
             raise Sim2RealError(
-                f"{place}: the joints follow the commands of {names} like desired positions, and "
-                "the model has motors there, which take torques [N·m]: give a model with position "
+                f"{place}: the joints follow the commands of {names} like desired positions, but "
+                f"the model has motors there, which take torques [N·m]: give a model with position "
                 "actuators, or log the torques as `ctrl.*`"
             )
     elif all(servos) and all(one < settings.stranger for one in alike.values()):
@@ -48,8 +48,9 @@ def refuse_kinds(log: Log, spec: mujoco.MjSpec, settings: Kinds = DEFAULT.kinds)
         worse = min(settings.better * gap, settings.acting * none)
         if gap > settings.lost and other < worse:
             raise Sim2RealError(
-                f"{place}: the model has position servos at {names}, which take desired positions, "
-                f"and the commands act like torques: as such their replay is {gap / other:.0f} "
+                f"{place}: the model has position servos at {names}, which take desired "
+                f"positions, but the commands act like torques: as such their replay is "
+                f"{gap / other:.0f} "
                 "times closer. Give a model with motors; a desired position with gains of its own "
                 "needs `kp.<actuator>` as well"
             )

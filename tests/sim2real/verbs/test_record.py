@@ -139,7 +139,9 @@ def test_a_follower_is_recorded(tmp_path: Path) -> None:
 
 def test_a_leader_that_cannot_be_followed(tmp_path: Path) -> None:
     """Other joints, one of both emulated, one port for both: said before anything moves."""
-    with pytest.raises(RobotError, match="the leader so101 has other joints than arm2: 'should"):
+    with pytest.raises(
+        RobotError, match="the leader so101 has different joints from arm2: 'should"
+    ):
         follow(tmp_path, leader="so101")
     with pytest.raises(Sim2RealError, match="lead is emulated and arm2 is /dev/x: give leader_p"):
         follow(tmp_path, port="/dev/x", arm=True)
