@@ -198,7 +198,7 @@ def _predicted(
 
 def _flat(fixed: Sequence[Fixed]) -> np.ndarray:
     """Return the effects' values in a row, (P,)."""
-    return np.concatenate([np.asarray(values, float) for _, values in fixed])
+    return np.concatenate([np.zeros(0), *(np.asarray(values, float) for _, values in fixed)])
 
 
 def _at(fixed: Sequence[Fixed], values: np.ndarray) -> list[Fixed]:

@@ -37,6 +37,7 @@ from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import HALF, Basis
 from sim2real.diagnosis.inference.moves import (
     is_part,
+    join_starts,
     list_simpler,
     pick_distinct,
     rank_fits,
@@ -215,6 +216,9 @@ class Judge:
     def _refine(self, best: Fit, starts: Sequence[Start], tried: dict[str, Fit]) -> bool:
         """Fit what promises most with the best into what was tried; pairs if no change does.
 
+        What acts beyond a threshold only, a stop or a play, has no slope to be screened by: where
+        no straight line promises what it has to win, every change is fitted at a glance.
+
         Returns:
             Whether there is a gap, or any change promises what it has to win.
         """
@@ -229,11 +233,13 @@ class Judge:
             self.lines = lines
         gains = [line.gain / self.glance.replayer.compared for line in lines]
         prices = [self.price(Hypothesis((line.member,))) for line in lines]
-        if self._explains(best) and all(map(operator.lt, gains, prices)):
+        flat = all(map(operator.lt, gains, prices))
+        if self._explains(best) and flat:
             return False
-        self._fit(pick_starts(base, lines, self.settings.refits), tried)
+        most = self.settings.refits
+        self._fit(join_starts(base, starts) if flat else pick_starts(base, lines, most), tried)
         if not best.hypothesis.members and not self._is_enough(self._choose(tried)):
-            self._fit(pick_pairs(self.glance, base, lines, self.settings.refits), tried)
+            self._fit(pick_pairs(self.glance, base, lines, most), tried)
         return True
 
     def _swap(self, best: Fit, tried: dict[str, Fit]) -> None:
@@ -257,7 +263,7 @@ class Judge:
             own = [start for start in starts if len(start.hypothesis.members) == count]
             fits = self.glance.fit(own, rounds=self.settings.glances)
             fits.sort(key=lambda fit: -fit.density.sum())  # so few windows predict others badly
-            chosen = pick_distinct(fits, max(len(own) // HALVES, 1))
+            chosen = pick_distinct(fits, max(min(len(own), self.settings.refits) // HALVES, 1))
             _keep(self.fitter.fit(map(restart, chosen), rounds), tried)
 
     def _choose(self, tried: dict[str, Fit]) -> Fit:
@@ -275,7 +281,7 @@ class Judge:
         A whole number, such as of rows or turns, is not free to follow anything. Then those without
         mistakes of the log go first: what is equivalent to an effect of the robot is called one.
         """
-        top = max(fits, key=lambda fit: fit.total)
+        top = max(fits, key=lambda fit: fit.total - self.price(fit.hypothesis) * self.rows)
         near = [f for f in fits if f is top or self.bootstrap.gain(top.score - f.score).low <= 0]
         return min(near, key=lambda f: (*f.hypothesis.burden, -f.total))
 
