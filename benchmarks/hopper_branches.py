@@ -37,7 +37,7 @@ NAME = "hopper_branches"
 TRUNK, BRANCH = 20_000_000, 20_000_000  # environment steps
 MARGIN = 0.1  # of the randomized branch's return, within which two branches count as alike
 LEVEL, ALIKE = 0.95, 0.90  # of the intervals; of the one that must lie within the margin
-SEED_FRICTION = "params.draws.1.effect.friction_mode=seed"  # the foot alone, as the study did
+SEED_FRICTION = "params.draws.1.friction_mode=seed"  # the foot alone, as the study did
 
 BRANCHES = {
     "es_dr": ("randomization", ("+experiment=es_dr",)),

@@ -22,7 +22,7 @@ from sim2real.runs.terminal import is_page, open_page
 FULL = "HYDRA_FULL_ERROR"
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")  # NumPy's and torch's
 WANTED = "SIM2REAL_FULL_ERROR"  # what the user set FULL to, while Hydra runs with 1
-PASSED_ON = ("--cfg", "-c", "--info", "-i", "--hydra-help", "--shell-completion", "-sc")
+PASSED_ON = ("--info", "-i", "--hydra-help", "--shell-completion", "-sc")
 EXTRAS = {  # packages that only some verbs need, and the extra that brings them
     "torch": "train",
     "torchrl": "train",
@@ -122,21 +122,26 @@ def precheck(arguments: list[str]) -> list[str]:
     Raises:
         ConfigError: the first mistake.
     """
-    own = arguments[:2] if arguments[:1] == ["--config-dir"] else []
-    arguments = arguments[len(own) :]
-    options = [a for a in arguments if a.startswith("-")]
-    if {a.split("=")[0] for a in options} & set(PASSED_ON + OTHER_ROOT):
-        return own + arguments
+    from sim2real.config.arguments import options_and_words
+
+    options, given = options_and_words(arguments)
+    typed = {option.split("=")[0] for option in options}
+    if typed & set(PASSED_ON + OTHER_ROOT):
+        return arguments
     from sim2real.config.compose import compose, sweep_jobs, used_keys
     from sim2real.config.folders import check_paths_exist
     from sim2real.config.inherited import inherited
+    from sim2real.config.optional_keys import with_plus
+    from sim2real.config.targets import ConfigError
 
-    given = [a for a in arguments if not a.startswith("-")]
-    sweep = {"--multirun", "-m"} & set(options)
-    for overrides in sweep_jobs(given) if sweep else [given]:
+    sweep, shown = typed & {"--multirun", "-m"}, typed & {"--cfg", "-c"}
+    if sweep and shown:
+        raise ConfigError("--cfg shows one configuration; leave -m out and give one value each")
+    jobs = list(sweep_jobs(given)) if sweep else [given]
+    for overrides in [] if shown else jobs:  # what is shown may be wrong
         tree = compose(overrides)
         check_paths_exist(tree, used_keys(tree))
-    return own + options + inherited(given)
+    return options + with_plus(inherited(given), inherited(jobs[0]))
 
 
 def launch() -> None:

@@ -63,6 +63,8 @@ PLACES = {  # what stands after a verb without a key
     "report": "runs",
 }
 OTHERWISE = {"out": "hydra.run.dir", "follower": "robot", "follower_port": "port"}  # other names
+WITH_VALUE = ("--cfg", "-c", "--package", "-p", "--info", "-i")  # Hydra's; a word may follow
+WITH_VALUE += ("--config-dir", "-cd", "--config-path", "-cp", "--config-name", "-cn")
 SPECIAL = re.compile(r"[\s=()\[\]{},'\"\\]")  # what Hydra's grammar does not take in a bare value
 
 
@@ -78,12 +80,21 @@ def as_overrides(arguments: list[str]) -> list[str]:
     """
     if gone := ended(arguments):
         raise ConfigError(gone)
-    first = next((a for a in arguments if not a.startswith("-")), None)
-    verb = first if first in options("run") else None
+    words = options_and_words(arguments)[1]
+    verb = words[0] if words and words[0] in options("run") else None
     rest = [a for n, a in enumerate(arguments) if not (verb and n == arguments.index(verb))]
-    bare = [a for a in rest if verb and not a.startswith("-") and not _is_override(a)]
+    bare = [a for a in words[1:] if verb and not _is_override(a)]
     given = [line for a in rest if a not in bare for line in _readable(a)]
     return ([f"run={verb}"] if verb else []) + _placed(verb or "", bare) + given
+
+
+def options_and_words(arguments: list[str]) -> tuple[list[str], list[str]]:
+    """Return the options of a command line and the words they take, and all other words."""
+    chosen, words = [], []
+    for before, argument in zip(["", *arguments], arguments, strict=False):
+        option = argument.startswith("-") or before in WITH_VALUE
+        (chosen if option else words).append(argument)
+    return chosen, words
 
 
 def _is_override(argument: str) -> bool:

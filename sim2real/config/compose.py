@@ -26,6 +26,7 @@ from sim2real.config.catalogue import EXPERIMENT, options
 from sim2real.config.folders import free_folder
 from sim2real.config.hydra_compose import hydra_compose
 from sim2real.config.inherited import LEARNING, RESOLVED, inherited, key_of
+from sim2real.config.optional_keys import with_plus
 from sim2real.config.renamed import renamed_key_hint
 from sim2real.config.targets import (
     ConfigError,
@@ -147,7 +148,8 @@ def compose(overrides: list[str]) -> dict[str, Any]:
         ConfigError: see `validate`; a name or a value that is not there.
     """
     try:
-        return validate(hydra_compose(inherited(overrides)), overrides)
+        every = inherited(overrides)
+        return validate(hydra_compose(with_plus(every, every)), overrides)
     except yaml.YAMLError as error:
         raise ConfigError(f"invalid YAML: {' '.join(str(error).split())}") from error
     except (HydraException, OmegaConfBaseException) as error:

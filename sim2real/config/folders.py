@@ -50,6 +50,18 @@ def free_folder(wanted: str) -> str:
     return wanted
 
 
+def check_exists(key: str, path: Path) -> None:
+    """Refuse a path of a key that leads nowhere, with the nearest name in its folder.
+
+    Raises:
+        ConfigError: there is no such file or folder.
+    """
+    if not path.exists():
+        near = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
+        hint = did_you_mean(path.name, near)
+        raise ConfigError(f"{key}={path}: no such file or folder{hint}")
+
+
 def check_paths_exist(tree: dict[str, Any], used: Collection[str]) -> None:
     """Refuse paths that lead nowhere before a run's folder is made.
 
@@ -63,18 +75,17 @@ def check_paths_exist(tree: dict[str, Any], used: Collection[str]) -> None:
     """
     verb = tree["run"]["_target_"].split(".")[-2]
     needed = NEEDED.get(verb)
-    if needed is not None and not tree[needed]:
+    without = {"export": tree["effects"] or tree["to"], "improve": tree["by"] == "returns"}
+    if needed is not None and not tree[needed] and not without.get(verb):
         raise ConfigError(f"{verb} needs {needed}=PATH; `sim2real {verb} PATH` is the same")
     begun = {"resume"} if verb in STARTED_BY_RESUME else set()
     for key in (one for one in READ if one in used and one not in begun):
         given = tree[key] if isinstance(tree[key], list) else [tree[key]]
         if key in NAMES and isinstance(tree[key], list):
             continue
-        for path in (Path(str(one)).expanduser() for one in given if one):
-            if not path.exists():
-                near = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
-                hint = did_you_mean(path.name, near)
-                raise ConfigError(f"{key}={path}: no such file or folder{hint}")
+        for one in given:
+            if one:
+                check_exists(key, Path(str(one)).expanduser())
 
 
 def check_output_is_free(out: Path, tree: dict[str, Any]) -> None:

@@ -1,5 +1,6 @@
 """Renamed keys and removed verbs: an error message names the new one."""
 
+import re
 from collections.abc import Sequence
 
 RENAMED = {
@@ -23,7 +24,7 @@ RENAMED = {
     "policy.memory": "policy.memory.hidden_size",
     "policy.size": "env.size",
 }
-
+OF_DRAW = re.compile(r"(params\.draws\.\d+)\.effect(\.\w+)")  # a draw's effect had keys of its own
 
 MOVED_TARGETS = {  # classes of saved runs' config.yaml
     "sim2real.evaluation.films.Video": "sim2real.evaluation.videos.Video",
@@ -47,7 +48,7 @@ def current_target(target: str) -> str:
 
 def renamed_key_hint(key: str) -> str:
     """Return " (it is now ...)" for an old key, "" for any other."""
-    new = RENAMED.get(key)
+    new = RENAMED.get(key) or (OF_DRAW.sub(r"\1\2", key) if OF_DRAW.fullmatch(key) else None)
     return f" (it is now {new})" if new else ""
 
 

@@ -69,6 +69,11 @@ class Argument:
         kinds = {kind for kind, *_ in _alternatives(self.hint, self.module)}
         return kinds - {"None"} == {"maker"}
 
+    @property
+    def is_object_or_its_keys(self) -> bool:
+        """Whether a mapping can stand for the object, so that the object's class checks names."""
+        return {"object", "map"} <= {kind for kind, *_ in _alternatives(self.hint, self.module)}
+
     def inner(self) -> Argument:
         """Return the type of the items of a list or a mapping that is given for the argument."""
         ways = _alternatives(self.hint, self.module)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks import hopper_branches
-from benchmarks.hopper_branches import contrast, interval, main
+from benchmarks.hopper_branches import TESTS, Trial, contrast, interval, main
+from sim2real.config.compose import compose
 from sim2real.evaluation.scores import GridScores
 from sim2real.runs.statistics import Interval
 from tests.benchmarks.test_hopper_grid import GRID, PARAMETERS
@@ -27,6 +28,16 @@ def found(own: tuple[float, ...], other: tuple[float, ...]) -> dict:
     """Return scores of the primary contrast's branches, a level a seed."""
     pair = {"esmaml_10": own, "es_dr": other}
     return {("10", name): {s: scores(x) for s, x in enumerate(row)} for name, row in pair.items()}
+
+
+@pytest.mark.parametrize("trial", TESTS.values(), ids=TESTS)
+def test_a_trial_composes(trial: Trial) -> None:
+    """Each evaluation sets keys that are there; `seed` writes the friction of the foot alone."""
+    tree = compose(["+experiment=es_dr", "adapt=hillclimb", *trial.words])
+    assert tree["adapt"]["queries"] == trial.episodes - 1
+    friction = tree["params"]["draws"][1]
+    assert friction["effect"] == "ground_friction"
+    assert ("friction_mode" in friction) == ("friction of the foot" in trial.text)
 
 
 def test_seeds_are_paired_by_their_trunk() -> None:

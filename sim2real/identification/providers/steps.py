@@ -69,7 +69,7 @@ class Steps(AlignedProvider):
         if len({round(one.dt / settings.uneven / found[0].dt) for one in found}) > 1:
             raise Sim2RealError(
                 "the logs have different row intervals, which one-step scores cannot combine; "
-                "identify them one by one, or use whole windows (score.rows=null)"
+                "identify them one by one, or use whole windows (identify.score.rows=null)"
             )
         self._nstep = _substeps(found[0].dt, model, settings)
         starts = [_starts(one.episode, rows) for one in found]
@@ -142,7 +142,7 @@ def states(log: Log, model: mujoco.MjModel, rows: int, settings: Settings = DEFA
     ):
         raise Sim2RealError(
             f"{place}: gains in each row, or servos that are switched off, need whole windows; "
-            "give score.rows=null (score=k_step)"
+            "use identify=cma with identify.score.rows=null"
         )
     qpos, qvel = np.empty((len(log), model.nq)), np.empty((len(log), model.nv))
     for i in range(model.njnt):

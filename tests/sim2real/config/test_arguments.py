@@ -24,6 +24,8 @@ from sim2real.config.targets import ConfigError
         (["deploy", "runs/1", "robot=quad8"], ["run=deploy", "checkpoint=runs/1", "robot=quad8"]),
         (["train", "-m", "seed=0,1"], ["run=train", "-m", "seed=0,1"]),
         (["-m", "replay", "a.csv"], ["run=replay", "log=a.csv", "-m"]),
+        (["record", "bench1", "--cfg", "job"], ["run=record", "robot=bench1", "--cfg", "job"]),
+        (["--cfg", "job", "replay", "a.csv"], ["run=replay", "log=a.csv", "--cfg", "job"]),
         (["experiment=smoke"], ["+experiment=smoke"]),
         (["run=diagnose", "log=[a.csv,b.csv]"], ["run=diagnose", "log=[a.csv,b.csv]"]),
         (["-m", "run=replay", "log=a.csv,b.csv"], ["-m", "run=replay", "log=a.csv,b.csv"]),

@@ -62,6 +62,11 @@ MISTAKES = {
     ("seed=[1",): ["[1"],
     ("-m", "seed=0,1", "policy=linear,mpl"): ["policy=mpl", "did you mean 'mlp'"],
     ("-m", "seed=0,x"): ["seed='x'"],
+    ("-m", "seed=0,1", "--cfg", "job"): ["--cfg shows one configuration"],
+    ("policy.initail=zero",): ["policy.initail", "did you mean 'initial'"],
+    ("+experiment=es_dr", "params.draws.1.effect.friction_mode=seed"): [
+        "(it is now params.draws.1.friction_mode)"
+    ],
 }
 
 

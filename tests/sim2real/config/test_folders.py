@@ -27,6 +27,9 @@ def test_two_runs_of_one_second_have_two_folders(tmp_path: Path) -> None:
         (["run=replay", "log=[swing.csv,b.csv]"], "log=b.csv: no such"),
         (["run=export", "checkpoint=nowhere"], "checkpoint=nowhere: no such"),
         (["run=evaluate"], "evaluate needs checkpoint=PATH"),
+        (["run=export"], "export needs checkpoint=PATH"),
+        (["run=export", "to=mjcf", "effects=e.yaml"], "effects=e.yaml: no such"),
+        (["run=improve"], "improve needs checkpoint=PATH"),
         (["+experiment=smoke", "resume=nowhere"], "resume=nowhere: no such"),
     ],
 )
@@ -47,6 +50,8 @@ def test_what_is_there_and_what_a_verb_does_not_use_passes(tmp_path: Path) -> No
         ["+experiment=smoke"],
         ["run=record", "leader=so101_leader"],  # the name of a robot
         ["run=contract", f"log={tmp_path}/swing.csv", "observation=legged_gym"],
+        ["run=improve", "by=returns", "+experiment=udr"],
+        ["run=export", f"effects={tmp_path}/swing.csv", f"model={tmp_path}/swing.csv", "to=mjcf"],
     ):
         tree = compose(typed)
         check_paths_exist(tree, used_keys(tree))

@@ -4,6 +4,7 @@ The emulated robot's servo, friction and bus follow laws of their own; the linea
 closed form.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,8 @@ from envs.marginals import uniform
 from envs.randomization import Draw, Randomization
 from hardware.config import ROBOTS
 from hardware.log import Log, read_logs
+from sim2real.config.compose import compose
+from sim2real.diagnosis.data.recording import load_model
 from sim2real.identification.data import Recordings
 from sim2real.identification.identify import identify
 from sim2real.identification.local import autocorrelation_time
@@ -24,9 +27,11 @@ from sim2real.identification.methods.base import FitContext
 from sim2real.identification.methods.matching import Matching
 from sim2real.identification.outcome import warnings
 from sim2real.identification.providers.replay import replay
+from sim2real.identification.providers.steps import states
 from sim2real.identification.random_effects import random_effects, shrink_correlations
 from sim2real.identification.scores.aligned import KStep, Likelihood, OneStep
 from sim2real.identification.searches import Cma
+from sim2real.runs.errors import Sim2RealError
 from sim2real.verbs import record
 from tests.sim2real.identification.linear import PRIOR, Linear
 
@@ -53,6 +58,17 @@ def slide(folder: Path, mass: float, gain: float, seed: int, damping: float = 0.
     columns = {"episode": np.zeros(rows), "time": 0.01 * np.arange(rows)}
     columns |= {"ctrl.x": force, "qpos.x": place, "qvel.x": speed}
     return Log(columns, {"model": str(folder / "slide.xml")}, folder / f"{seed}.csv")
+
+
+def test_rows_that_cannot_be_compared_one_by_one_are_refused(tmp_path: Path) -> None:
+    """A servo that is off for a row; what the message says to choose is accepted."""
+    log = slide(tmp_path, mass=1.0, gain=1.0, seed=0)
+    off = {"torque.x": np.r_[np.ones(len(log) - 1), 0.0]}
+    log = replace(log, columns={**log.columns, **off})
+    with pytest.raises(Sim2RealError, match="servos that are switched off") as refused:
+        states(log, load_model(log, None).compile(), rows=1)
+    words = str(refused.value).rpartition("choose ")[2].split(" with ")
+    assert compose(["run=identify", *words])["identify"]["score"]["rows"] is None
 
 
 def scaled(name: str, where: str, low: float = 0.3, high: float = 3.0) -> Entry:
