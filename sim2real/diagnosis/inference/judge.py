@@ -37,7 +37,6 @@ from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import HALF, Basis
 from sim2real.diagnosis.inference.moves import (
     is_part,
-    join_starts,
     list_simpler,
     pick_distinct,
     rank_fits,
@@ -237,7 +236,8 @@ class Judge:
         if self._explains(best) and flat:
             return False
         most = self.settings.refits
-        self._fit(join_starts(base, starts) if flat else pick_starts(base, lines, most), tried)
+        every = flat and not best.hypothesis.members
+        self._fit(pick_starts(base, lines, len(lines) if every else most), tried)
         if not best.hypothesis.members and not self._is_enough(self._choose(tried)):
             self._fit(pick_pairs(self.glance, base, lines, most), tried)
         return True

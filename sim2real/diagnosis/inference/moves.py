@@ -61,13 +61,6 @@ def join_members(base: Fit, members: Sequence[Member], points: np.ndarray) -> St
     return Start(hypothesis, values)
 
 
-def join_starts(base: Fit, starts: Sequence[Start]) -> list[Start]:
-    """Return a fit with each change that can join it, at the change's points."""
-    own = [(start, start.hypothesis.members) for start in starts]
-    own = [(s, members) for s, members in own if are_compatible(base.hypothesis, *members)]
-    return [join_members(base, members, start.points) for start, members in own]
-
-
 def without(fit: Fit, place: int) -> Start:
     """Return a fit without one member, the others at their values."""
     kept = np.ones(fit.values.shape[1], bool)

@@ -74,7 +74,7 @@ def test_an_unknown_name_is_refused_by_its_reader() -> None:
     tree = compose([*RECORD, "robot.servos.hip.sgin=-1"])
     with pytest.raises(RobotError, match=r"unknown key 'sgin'.*did you mean 'sign'"):
         make_robot(tree["robot"])
-    with pytest.raises(ConfigError, match=r"policy\.initial=0: it must be one of normal, zero"):
+    with pytest.raises(ConfigError, match=r"policy\.initial=0: expected one of normal, zero"):
         compose(["policy.initial=0"])
 
 

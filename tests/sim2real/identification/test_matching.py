@@ -67,7 +67,7 @@ def test_rows_that_cannot_be_compared_one_by_one_are_refused(tmp_path: Path) -> 
     log = replace(log, columns={**log.columns, **off})
     with pytest.raises(Sim2RealError, match="servos that are switched off") as refused:
         states(log, load_model(log, None).compile(), rows=1)
-    words = str(refused.value).rpartition("choose ")[2].split(" with ")
+    words = str(refused.value).rpartition("; use ")[2].split(" with ")
     assert compose(["run=identify", *words])["identify"]["score"]["rows"] is None
 
 
