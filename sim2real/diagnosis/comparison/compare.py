@@ -273,14 +273,7 @@ def _numbers(data: Data, first: Pieces, pieces: Pieces, alpha: float) -> dict[st
 
 
 def _untellable(pieces: Pieces, confounded: Found, columns: int, least: int) -> str | None:
-    """Return why nobody can tell whether the robot changed; None: one can.
-
-    Args:
-        pieces: independent ones, of both sides.
-        confounded: what is put down to temperature or mounting.
-        columns: how many changes are watched.
-        least: pieces that are needed.
-    """
+    """Return why nobody can tell whether the robot changed; None: one can."""
     sides = [len(pieces.curve)] if pieces.after is None else np.bincount(pieces.after, minlength=2)
     if min(sides) < least:
         return (

@@ -184,13 +184,10 @@ class _Probe(NamedTuple):
 
 
 def _probes(option: Candidate, small: float) -> list[_Probe]:
-    """Return how each number of an effect is moved.
+    """Return how each number of an effect is moved; what acts in proportion, by a small share.
 
-    Args:
-        option: the effect.
-        small: share of the smallest probe that is a step of what acts in proportion: a factor's
-            straight line over a quarter of its value is another one than over some per cent. Play
-            and the like have no smaller steps that say anything.
+    A factor's straight line over a quarter of its value is another one than over some per cent.
+    Play and the like have no smaller steps that say anything.
     """
     sizes = np.abs(option.probes - option.neutral)
     count = _count(option)

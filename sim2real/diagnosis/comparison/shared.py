@@ -96,14 +96,7 @@ def _joined(simulator: Simulator, windows: np.ndarray, watch: Watch) -> Watch | 
 def _fit(
     simulator: Simulator, windows: np.ndarray, members: tuple[Candidate, ...], starts: np.ndarray
 ) -> np.ndarray:
-    """Return the values, (P,), of effects that leave the least squared error in some windows.
-
-    Args:
-        simulator: of all windows.
-        windows: to fit to, (n,).
-        members: the effects.
-        starts: values to begin from, of which the best is refined, (K, P).
-    """
+    """Return the values, (P,), of effects that leave the least squared error in some windows."""
 
     def replay(points: np.ndarray) -> np.ndarray:
         rows = [

@@ -328,16 +328,7 @@ def _action_ways(
     reach: float,
     limits: Contract,
 ) -> list[Variant]:
-    """Return what may have become of the actions: as described, unclipped, filtered, held.
-
-    Args:
-        rows: of the logs.
-        asked: clipped actions, (T, A).
-        offset: added to them before scaling, (A,).
-        done: actions before clipping; None where the law has none.
-        reach: the largest action that the commands show.
-        limits: what is tried.
-    """
+    """Return what may have become of the actions: as described, unclipped, filtered, held."""
     ways = [Variant("", "", "", asked, offset)]
     if done is not None and not np.array_equal(done, asked):
         text, fix = "is made of actions that were not clipped", "clip the actions"

@@ -177,14 +177,7 @@ def _better(
 def _predicted(
     fixed: Sequence[Fixed], values: np.ndarray, motions: Sequence[Recording], asked: Asked
 ) -> list[np.ndarray]:
-    """Return what encoders tell of each motion and, last, of the past, in noises.
-
-    Args:
-        fixed: the effects.
-        values: in the place of theirs, (P,).
-        motions: the new ones.
-        asked: see `Asked`.
-    """
+    """Return what encoders tell of each motion and, last, of the past, in noises."""
     columns, noise = list(asked.noise), np.array(list(asked.noise.values()))
     effects = merge_effects(asked.fixed, _at(fixed, values))
     if asked.changed is None:
