@@ -21,7 +21,6 @@ from envs.replay import switchable
 from hardware.log import Log
 from sim2real.diagnosis.data.impedance import impedance_of, with_laws
 from sim2real.diagnosis.data.noise_floor import noise_floor, rounding, step_of
-from sim2real.diagnosis.data.nuisance import Nuisance
 from sim2real.diagnosis.data.pairs import is_scalar
 from sim2real.diagnosis.data.recording import (
     check_log,
@@ -48,7 +47,8 @@ class Data:
         mask: which rows are compared, (W, T).
         measured: (W, T, M).
         settings: the settings of this and all later stages.
-        nuisance: what the windows' starts may do to errors, which is taken out; None: nothing.
+        starts: what one standard deviation of each unknown of a start changes of errors,
+            (W, T, M, D), where starts are estimated; None: they are measured.
     """
 
     logs: tuple[Log, ...]
@@ -59,7 +59,7 @@ class Data:
     mask: np.ndarray
     measured: np.ndarray
     settings: Settings = DEFAULT
-    nuisance: Nuisance | None = None
+    starts: np.ndarray | None = None
 
     @staticmethod
     def of(
@@ -165,7 +165,7 @@ class Data:
             windows=tuple(windows),
             mask=_masks(windows, longest),
             measured=np.array([_padded(w.measured, longest) for w in windows]),
-            nuisance=None,
+            starts=None,
         )
 
     def only(self, chosen: np.ndarray) -> Data:
@@ -175,7 +175,7 @@ class Data:
             windows=tuple(self.windows[i] for i in chosen),
             mask=self.mask[chosen],
             measured=self.measured[chosen],
-            nuisance=None if self.nuisance is None else self.nuisance.only(chosen),
+            starts=None if self.starts is None else self.starts[chosen],
         )
 
     def stepping(self, most: float) -> Data | None:

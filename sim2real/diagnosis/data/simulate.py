@@ -282,8 +282,6 @@ class Simulator:
         limit = np.maximum(limits.error_max * self._spread, limits.spread_min) / data.scale
         error = np.where(np.isfinite(error), np.clip(error, -limit, limit), limit)
         slope = np.nan_to_num(slope)
-        if data.nuisance is not None:
-            error, slope = (data.nuisance.clear(windows, part) for part in (error, slope))
         self.on_run()
         return Simulated(error, slope, motion.lost)
 

@@ -5,8 +5,8 @@
 Each window is simulated from its start and from starts that are off by one standard deviation of
 each unknown. Where the model explains the rest, a damped Gauss-Newton step moves the start to where
 it follows encoders and IMU best (a smoother over MuJoCo's own dynamics, as long as a window): a
-wrong model would move it to a wrong place. What the unknowns change is taken out of all errors
-(`nuisance`).
+wrong model would move it to a wrong place. What the unknowns change is left to the likelihood
+(`Data.starts`).
 """
 
 from collections.abc import Sequence
@@ -16,12 +16,11 @@ import numpy as np
 
 from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.data.nuisance import Nuisance, marginal
 from sim2real.diagnosis.data.simulate import errors_as_given
 from sim2real.diagnosis.data.windows import Joint, Window, cut_one
 from sim2real.diagnosis.ground.estimate import Estimate
-from sim2real.diagnosis.ground.pushes import is_pushed, rows_of, weights
-from sim2real.diagnosis.ground.starts import Unknowns, moved, unknowns
+from sim2real.diagnosis.ground.pushes import is_pushed, rows_of
+from sim2real.diagnosis.ground.starts import Unknowns, clear_starts, moved, unknowns
 from sim2real.diagnosis.ground.turns import heading, level
 from sim2real.diagnosis.settings import Ground
 
@@ -49,20 +48,11 @@ def grounded(data: Data, estimates: Sequence[Estimate], fixed: Sequence[Fixed] =
             windows.append(window)
             doubts.append(unknowns(estimate, model, rows[0], settings))
     cut = plain.with_windows(windows)
-    noise = np.full(len(joints), settings.error_rad)
     error, ways = _responses(cut, doubts, fixed)
-    nuisance = marginal(ways, noise)
-    if _gap(cut, nuisance, error) < settings.trusted_rad:
-        cut = _refined(cut, doubts, error, ways, noise, fixed)
-    left = nuisance.clear(np.arange(len(error)), error)
-    done = replace(cut, nuisance=nuisance.weighed(weights(cut, left)))
-    return done.only(np.flatnonzero(~is_pushed(cut, left)))
-
-
-def _gap(data: Data, nuisance: Nuisance, error: np.ndarray) -> float:
-    """Return the root mean square of what starts cannot cause of errors (W, T, M)."""
-    left = nuisance.clear(np.arange(len(error)), error)
-    return float(np.sqrt(data.mean_squares(left).mean()))
+    left = clear_starts(error, ways, settings.error_rad)
+    if np.sqrt(cut.mean_squares(left).mean()) < settings.trusted_rad:
+        cut = _refined(cut, doubts, error, ways, fixed)
+    return replace(cut, starts=ways).only(np.flatnonzero(~is_pushed(cut, left)))
 
 
 def _joints(data: Data, estimates: Sequence[Estimate], settings: Ground) -> list[Joint]:
@@ -137,13 +127,13 @@ def _refined(
     doubts: Sequence[Unknowns],
     error: np.ndarray,
     ways: np.ndarray,
-    noise: np.ndarray,
     fixed: Sequence[Fixed],
 ) -> Data:
     """Return the data with starts from which the model follows better, where there are any."""
     settings = data.settings.ground
     known = np.array([doubt.known for doubt in doubts])  # (W, D)
-    flat = (ways / noise[:, None]).reshape(len(ways), -1, ways.shape[3])
+    noise = settings.error_rad
+    flat = (ways / noise).reshape(len(ways), -1, ways.shape[3])
     rest = (error / noise).reshape(len(error), -1)
     curve = np.einsum("wnd,wne->wde", flat, flat)
     curve += np.einsum("wd,de->wde", known**-2, np.eye(known.shape[1]))

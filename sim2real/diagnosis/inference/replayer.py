@@ -93,7 +93,7 @@ class Replayer:
         work: Work | None = None,
         on_run: Callable[[], None] = lambda: None,
     ) -> None:
-        self.data, self.fixed, self.on_run = replace(data, nuisance=None), tuple(fixed), on_run
+        self.data, self.fixed, self.on_run = replace(data, starts=None), tuple(fixed), on_run
         self.work = Work() if work is None else work
         self.settings = data.settings.inference
         self.rows, self.used = _spread(data.mask, self.settings.rows_max)  # (W, N) each
@@ -108,8 +108,8 @@ class Replayer:
         self.finer: Replayer | None = None  # in shorter steps, for what adds a body or a spring
         self.offset = np.zeros((*self.rows.shape, len(self.noise)))  # that longer steps leave out
         self.estimated = np.zeros((*self.offset.shape, 0))  # (W, N, M, D) of starts
-        if data.nuisance is not None:
-            self.estimated = self._look(data.nuisance.directions(), self.every)
+        if data.starts is not None:
+            self.estimated = self._look(data.starts, self.every)
         self.plain = Simulator(self.data, self.fixed, on_run=on_run, work=self.work)
         self._mended: dict[Key, _Mended] = {}
 

@@ -31,7 +31,6 @@ NOTES = frozenset(
         "unsigned",
         "computed_torque",
         "base",
-        "odd",
         "reading",
     }
 )

@@ -99,13 +99,6 @@ class Ground:
         8.0, "1", "orientation error of a pushed window, relative to the median", JUDGED
     )
     push_rad: float = setting(0.02, "rad", "minimum orientation error of a pushed window", JUDGED)
-    odd_times: float = setting(
-        3.0,
-        "1",
-        "orientation error above which a window gets a smaller weight, relative to the median",
-        JUDGED,
-    )
-    odd_rad: float = setting(0.004, "rad", "minimum orientation error of such a window", JUDGED)
     push_share: float = setting(0.1, "1", "fraction of windows above which none is a push", JUDGED)
     narrow_m2: float = setting(
         1e-3, "m²", "twice the area of the smallest triangle that supports a robot", JUDGED
