@@ -18,8 +18,8 @@ from envs.models import FREE
 from envs.replay import Recording
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
-from sim2real.diagnosis.data.beginning import first_row
-from sim2real.diagnosis.data.recording import rows_before, rows_of, to_recording
+from sim2real.diagnosis.data.recording import columns_of, rows_before, rows_of, to_recording
+from sim2real.diagnosis.data.speeds import NEAR
 from sim2real.diagnosis.settings import DEFAULT, TINY, Windows
 from sim2real.runs.errors import Sim2RealError
 
@@ -85,7 +85,6 @@ def cut(
     parts = [(n, part) for n, log in enumerate(logs) for part in log.episodes()]
     total = sum(part.time[-1] - part.time[0] for _, part in parts)
     windows, start, before = [], 0, -1
-    counts = {joint.name: joint.count for joint in joints}
     for number, part in parts:
         start = start if number == before else 0
         before = number
@@ -94,7 +93,7 @@ def cut(
         length = float(np.clip(usual, settings.shortest_s, most)) if servo else state
         pieces = max(1, round(float(part.time[-1] - part.time[0]) / length))
         cuts = _cuts(part, joints, pieces, settings) if servo else _even(part, pieces)
-        cuts[0] = first_row(part, models[which[number]], counts, settings)
+        cuts[0] = _first_row(part, models[which[number]])
         for first, last in pairwise(_anew(part, cuts, settings)):
             ahead = settings.warm_s if servo else 0.0
             warm = int(np.searchsorted(part.time, part.time[first] - ahead - ROUNDING))
@@ -114,6 +113,22 @@ def cut(
             f"to be cut, or {BLOCKED} is set in most of it; record a few seconds, or leave it out"
         )
     return windows
+
+
+def _first_row(part: Log, model: mujoco.MjModel) -> int:
+    """Return the row at which an episode's first replay starts.
+
+    It may begin in motion. Where no servo moves a joint and no column holds its speed, only rows
+    with neighbours on both sides tell how fast it is.
+    """
+    for joint in range(model.njnt):
+        places, speeds = columns_of(model, joint)
+        known = is_driven(model, int(model.jnt_qposadr[joint])) or all(
+            f"qvel.{name}" in part.columns for name in speeds
+        )
+        if not known and any(f"qpos.{name}" in part.columns for name in places):
+            return NEAR if len(part) > 4 * NEAR else 0
+    return 0
 
 
 def _pace(part: Log, settings: Windows) -> float:

@@ -68,16 +68,6 @@ class Windows:
     )
     slowest_s: float = setting(12.0, "s", "longest window of slow motions", DEVELOPED)
     turn: float = setting(0.1, "1", "smallest reversal of a command, relative to its range", JUDGED)
-    begins_s: float = setting(
-        0.05, "s", "duration from which the speed at a log's first row is computed", JUDGED
-    )
-    begins_moving: float = setting(
-        0.25,
-        "1",
-        "speed at the first row that is not a start from rest, relative to the usual speed",
-        JUDGED,
-    )
-    begins_least: float = setting(1e-4, "rad", "minimum motion in this duration", JUDGED)
     kick_before_s: float = setting(0.03, "s", "time left out before a servo is switched on", JUDGED)
     kick_s: float = setting(
         0.3, "s", "time left out afterwards, because no log has the exact moment", DEVELOPED
