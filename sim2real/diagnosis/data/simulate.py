@@ -33,7 +33,6 @@ from envs.replay import (
 )
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.lean import lean
-from sim2real.diagnosis.data.memory import Memory
 from sim2real.diagnosis.data.thermal import Heat
 from sim2real.diagnosis.data.together import cores, is_free, is_helper, together
 from sim2real.diagnosis.data.windows import Window
@@ -43,9 +42,8 @@ ACTUATORS = tuple(
     f"actuator_{name}" for name in ("gainprm", "biasprm", "forcerange", "damping", "delay")
 )
 BYTES = 8  # of a number
-# Memory and processes, which no number of an answer depends on.
+# Sizes of batches and processes, which no number of an answer depends on.
 BATCH = 5e7  # bytes of one batch
-MEMORY = 1e8  # bytes of the rows that fits come back to
 SHARED = 24  # rows from which processes share what Python steps
 SHARE = 192  # rows of such a share, at most
 T = TypeVar("T")
@@ -119,7 +117,6 @@ class Simulator:
         self.data, self.fixed, self.threads, self.on_run = data, tuple(fixed), threads, on_run
         self.settings = data.settings.simulation
         self.heat = Heat(data, self._paths)
-        self.memory = Memory(MEMORY)
         self.work = Work() if work is None else work
         self._models = [_Lean.of(spec) for spec in data.specs] if models is None else models
         self._length = data.mask.shape[1]

@@ -177,7 +177,7 @@ class Replayer:
             )
             for ask in asks
         ]
-        for ask, made in zip(asks, simulate_each(simulator, rows, remember=False), strict=True):
+        for ask, made in zip(asks, simulate_each(simulator, rows), strict=True):
             own, result = ask.rows, found[ask.job]
             error = self._look(made.error, ask.windows) * ask.scale
             result.error[own] = error + self.offset[ask.windows]
@@ -207,9 +207,7 @@ class Replayer:
         lost = np.full(len(self.every), np.inf)
         for ask in self._asks(0, Job(hypothesis, values, self.every)):
             simulator = _stacked(self, [ask.log]) if ask.log else self.plain
-            (made,) = simulate_each(
-                simulator, [Rows(hypothesis.effects, ask.windows, ask.values)], remember=False
-            )
+            (made,) = simulate_each(simulator, [Rows(hypothesis.effects, ask.windows, ask.values)])
             found[ask.rows], lost[ask.rows] = made.error * ask.scale, made.lost
         return found, lost
 
@@ -306,7 +304,7 @@ class Replayer:
             windows = [shift(data, window, joint, float(size)) for window, size in pairs]
             other = self.plain.of(replace(data, windows=tuple(windows)))
             rows = [Rows(hypothesis.effects, ask.windows, ask.values)]
-            (made,) = simulate_each(other, rows, remember=False)
+            (made,) = simulate_each(other, rows)
             found[ask.rows] = self._look(made.error, ask.windows) * ask.scale
         return found
 
