@@ -29,6 +29,7 @@ from hardware.config import NO_MODEL, Robot, load_robot
 from hardware.excite import ExcitationPlan, excite
 from sim2real.diagnosis.data.noise_floor import rounding
 from sim2real.diagnosis.data.pairs import is_scalar
+from sim2real.diagnosis.data.recording import home
 from sim2real.diagnosis.data.trial import trial
 from sim2real.diagnosis.experiments.apart import Asked, Member, pairs, refitted, separation
 from sim2real.diagnosis.experiments.menu import Item, drawn, menu
@@ -266,9 +267,7 @@ def record_of(
     item: Item, model: mujoco.MjModel, robot: Robot, settings: Limits = DEFAULT.experiment
 ) -> Recording:
     """Return a motion as a recording of commands, from rest in the robot's middle pose."""
-    home = next((k for k in range(model.nkey) if model.key(k).name == "home"), None)
-    qpos = np.array(model.qpos0 if home is None else model.key_qpos[home])
-    ctrl = np.zeros(model.nu) if home is None else np.array(model.key_ctrl[home])
+    qpos, ctrl = home(model)
     columns = [int(model.actuator(name).id) for name in robot.names]
     limits = np.array([servo.position for servo in robot.servos])
     pose = np.clip(ctrl[columns], *limits.T)

@@ -32,7 +32,7 @@ def write_comparison(path: str | Path, earlier: Report, later: Report) -> Path:
 
 def render(earlier: Report, later: Report) -> str:
     """Return the page."""
-    return html.template("comparison.html").render(view(earlier, later))
+    return html.template(html.PAGE / "comparison.html").render(view(earlier, later))
 
 
 def read_report(path: str | Path) -> Report:

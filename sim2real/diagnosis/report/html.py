@@ -65,21 +65,21 @@ def write_html(path: str | Path, report: Report) -> Path:
 
 def render(report: Report) -> str:
     """Return the page."""
-    return template("report.html").render(view(report))
+    return template(PAGE / "report.html").render(view(report))
 
 
-def template(name: str) -> jinja2.Template:
+def template(path: Path) -> jinja2.Template:
     """Return a page's template; names from files are escaped in it."""
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(PAGE),
+        loader=jinja2.FileSystemLoader(path.parent),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"quantity": text.quantity, "percent": text.percent}
-    environment.filters |= {"interval": text.interval, "degrees": text.degrees}
-    return environment.get_template(name)
+    filters = (text.quantity, text.percent, text.interval, text.degrees)
+    environment.filters |= {one.__name__: one for one in filters}
+    return environment.get_template(path.name)
 
 
 def framed(report: Report) -> str:

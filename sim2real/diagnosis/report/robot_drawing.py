@@ -18,6 +18,7 @@ from markupsafe import Markup
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
+from sim2real.diagnosis.data.recording import home
 from sim2real.diagnosis.report import text
 
 WIDTH, HEIGHT, MARGIN, LABEL = 620.0, 330.0, 26.0, 150.0  # units; labels stand left and right
@@ -72,9 +73,7 @@ def robot(model: mujoco.MjModel, shares: Mapping[str, float]) -> Markup:
 def at_home(model: mujoco.MjModel) -> mujoco.MjData:
     """Return a model in its keyframe `home`, else as it is by default."""
     data = mujoco.MjData(model)
-    home = next((k for k in range(model.nkey) if model.key(k).name == "home"), None)
-    if home is not None:
-        mujoco.mj_resetDataKeyframe(model, data, home)
+    data.qpos[:] = home(model)[0]
     mujoco.mj_forward(model, data)
     return data
 
