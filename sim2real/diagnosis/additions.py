@@ -81,10 +81,10 @@ def pictured(found: Diagnosis, made: Conclusion, data: Data, floors: np.ndarray)
 def witnessed(found: Diagnosis, data: Data) -> Diagnosis:
     """Add how far the channels that nothing was fitted to are off, and which speak against it."""
     pairs = [(log, data.models[model_of(data, k)]) for k, log in enumerate(data.logs)]
-    torque = measured_torques(pairs, data.settings.servo)
+    torque = measured_torques(pairs, data.settings.preflight)
     every = merge_effects(found.known, found.found) if found.found else found.known
     gaps = channel_gaps(data, found.known, every, torque)
-    against = [Finding(*words) for words in contradicting(gaps, data.settings.channels)]
+    against = [Finding(*words) for words in contradicting(gaps, data.settings.preflight)]
     report, evidence = found.report, replace(found.report.evidence, channels=gaps)
     report = replace(report, preflight=(*report.preflight, *against), evidence=evidence)
     return found._replace(report=report)

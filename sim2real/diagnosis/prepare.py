@@ -84,7 +84,7 @@ def prepare(
         data = grounded(given, estimates, fixed)
     specs = [data.specs[model_of(data, number)] for number in range(len(logs))]
     for log, spec in zip(logs, specs, strict=True):
-        refuse_kinds(log, spec, settings.kinds)
+        refuse_kinds(log, spec, settings)
     models = [data.models[model_of(data, number)] for number in range(len(logs))]
     findings = [
         *held,

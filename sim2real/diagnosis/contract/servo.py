@@ -82,7 +82,7 @@ def check_rate(logs: Sequence[Log], about: Description, settings: Settings) -> S
         text = f"the log has {rate:.4g} rows a second, and the policy was trained at {about.rate:g}"
         fix = f"run the policy {about.rate:g} times a second, or log one row a control step"
         stage.findings.append(Finding("clock", "rate", "rows", text, fix, off, 0.0, None, rate))
-    for clock in check_clocks(logs, settings.clocks):
+    for clock in check_clocks(logs, settings):
         if clock.where is None:  # those of single joints are no part of the interface
             stage.findings.append(
                 Finding("clock", clock.check, "rows", clock.finding, clock.fix, 0.0, 0.0)

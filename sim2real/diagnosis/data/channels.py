@@ -28,7 +28,7 @@ from sim2real.diagnosis.data.simulate import actuated
 from sim2real.diagnosis.data.thermal import torques
 from sim2real.diagnosis.data.windows import Window
 from sim2real.diagnosis.evidence import ChannelGap
-from sim2real.diagnosis.settings import DEFAULT, TINY, Channels
+from sim2real.diagnosis.settings import DEFAULT, TINY, Preflight
 
 ORDER = 4  # of the differences that a cubic leaves
 NORMAL = 1.4826  # of a median of absolute values to a standard deviation, of a normal law
@@ -64,7 +64,7 @@ def channel_gaps(
 
 
 def contradicting(
-    gaps: Sequence[ChannelGap], settings: Channels = DEFAULT.channels
+    gaps: Sequence[ChannelGap], settings: Preflight = DEFAULT.preflight
 ) -> Iterator[tuple[str, str, str, str]]:
     """Yield check, location, finding and fix for each channel whose error the causes increase."""
     for gap in gaps:

@@ -240,7 +240,7 @@ def _joints(
     logs: Sequence[Log], models: Sequence[mujoco.MjModel], settings: Settings
 ) -> list[Joint]:
     """Return the hinges and slides that every log and model has."""
-    found, still = [], {"rad": settings.channels.still_rad, "m": settings.channels.still_m}
+    found, still = [], {"rad": settings.preflight.still_rad, "m": settings.preflight.still_m}
     for i in range(models[0].njnt):
         name = models[0].joint(i).name
         column = f"qpos.{name}"
@@ -252,7 +252,7 @@ def _joints(
         unit = "rad" if models[0].jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE else "m"
         spread = float(values.std())
         place = int(models[0].jnt_qposadr[i])
-        step = step_of(values[np.concatenate([log.fresh for log in logs])], settings.encoder)
+        step = step_of(values[np.concatenate([log.fresh for log in logs])], settings)
         step = step if spread else still[unit]  # that never changed: below what counts as moving
         found.append(Joint(name, place, unit, step, spread, 1.0))
     if not found:
@@ -264,7 +264,7 @@ def _joints(
 
 def _refuse_short(logs: Sequence[Log], settings: Settings) -> None:
     """Raise Sim2RealError if logs are not in seconds, or too short for any interval."""
-    least = settings.dataset.seconds_min
+    least = settings.dataset.block_s
     for log in logs:
         refuse_clock(log, settings)
         refuse_sparse(log, settings)
@@ -278,7 +278,7 @@ def _refuse_short(logs: Sequence[Log], settings: Settings) -> None:
 
 
 def _refuse_still(logs: Sequence[Log], joints: Sequence[Joint], settings: Settings) -> None:
-    counts, least = settings.dataset.still_counts, settings.dataset.count_min
+    counts, least = settings.preflight.counts, settings.preflight.count_min
     still = [j.name for j in joints if j.spread < counts * max(j.count, least)]
     if len(still) == len(joints):
         names = ", ".join(still)

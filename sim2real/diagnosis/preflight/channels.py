@@ -21,7 +21,7 @@ from sim2real.diagnosis.preflight.duties import check_duties
 from sim2real.diagnosis.preflight.speeds import check_speeds
 from sim2real.diagnosis.preflight.torques import check_torques
 from sim2real.diagnosis.schema import Finding
-from sim2real.diagnosis.settings import DEFAULT, TINY, Channels, Settings
+from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 
 NOTES = frozenset(
     {
@@ -46,7 +46,7 @@ def check_channels(
     Args:
         logs: the logs.
         models: the model of each.
-        settings: those of `channels`, `servo` and `encoder` are used.
+        settings: when they do.
     """
     pairs = list(zip(logs, models, strict=True))
     return [finding for check in CHECKS for finding in check(pairs, settings)]
@@ -66,12 +66,12 @@ def _reading(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
 
 def _rate(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Irregular stamps, gaps, and a rate other than the metadata say."""
-    limits = settings.channels
+    limits = settings.preflight
     uneven, gaps, wrong = [], [], []
     for log, _ in pairs:
         steps = np.concatenate([np.diff(part.time) for part in log.episodes()])
         middle = float(np.median(steps))
-        usual = np.percentile(np.abs(steps - middle), limits.jitter_percentile)
+        usual = np.quantile(np.abs(steps - middle), 1 - settings.inference.level)
         if usual > limits.jitter * middle:
             uneven.append((log, f"{middle / MILLI:.3g} ms ± {steps.std() / MILLI:.2g} ms"))
         long = steps > limits.gap * middle
@@ -108,7 +108,7 @@ def _rate(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
 
 def _loss(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Readings that were lost, or said twice while the joint moved."""
-    limits = settings.channels
+    limits = settings.preflight
     for joint in joints_of(pairs):
         lost = rows = 0
         for log, _ in pairs:
@@ -117,14 +117,14 @@ def _loss(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
                 continue
             for part in log.episodes():
                 q = part.column(column)
-                step = step_of(log.column(column)[log.fresh], settings.encoder)
+                step = step_of(log.column(column)[log.fresh], settings)
                 step = max(step, limits.count_min)
                 if len(q) <= len(("before", "same", "after")):
                     continue
                 same = q[1:-2] == q[2:-1]
                 before, after = q[1:-2] - q[:-3], q[3:] - q[2:-1]
                 moved = np.minimum(np.abs(before), np.abs(after))
-                moving = moved > limits.repeat_counts * step
+                moving = moved > limits.counts * step
                 lost += int(np.sum(same & moving & (before * after > 0)))
                 rows += len(q)
         if rows and lost / rows > limits.lost_share:
@@ -149,9 +149,9 @@ def _loss(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
 
 def _excitation(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Joints that never moved enough, or never turned back."""
-    limits = settings.channels
+    limits = settings.preflight
     still = {"rad": limits.still_rad, "m": limits.still_m}
-    for joint, (moved, turns) in excitation(pairs, limits).items():
+    for joint, (moved, turns) in excitation(pairs, settings).items():
         unit = unit_of(pairs, joint)
         if moved < still[unit]:
             yield Finding(
@@ -169,7 +169,7 @@ def _excitation(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
             )
 
 
-def excitation(pairs: Pairs, settings: Channels = DEFAULT.channels) -> dict[str, tuple[float, int]]:
+def excitation(pairs: Pairs, settings: Settings = DEFAULT) -> dict[str, tuple[float, int]]:
     """Return by joint how far it moved [rad or m] and how often it turned back."""
     found = {}
     for joint in joints_of(pairs):
@@ -180,7 +180,7 @@ def excitation(pairs: Pairs, settings: Channels = DEFAULT.channels) -> dict[str,
             for part in log.episodes()
         ]
         moved = max(float(np.ptp(q)) for q in parts)
-        size = settings.reversal_size * moved
+        size = settings.windows.turn * moved
         found[joint] = moved, sum(reversals(q, size) for q in parts)
     return found
 
@@ -191,7 +191,7 @@ def _ranged(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     for log, model in pairs:
         for joint, limit in _ranges(model).items():
             q = log.columns.get(f"qpos.{joint}", np.zeros(1))
-            if float(np.abs(q).max()) > settings.channels.beyond * limit:
+            if float(np.abs(q).max()) > settings.preflight.beyond * limit:
                 found[joint] = (
                     f"{joint} runs from {q.min():.4g} to {q.max():.4g}, and its range ends at "
                     f"{limit:.3g} rad"
@@ -230,7 +230,7 @@ def _ranges(model: mujoco.MjModel) -> dict[str, float]:
 
 def _limits(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Commands that the model clamps, and rows at its limit of force."""
-    limits = settings.channels
+    limits = settings.preflight
     for name in dict.fromkeys(name for log, _ in pairs for name in log.actuators):
         outside, held, rows, least = 0, 0, 0, []
         reach = (0.0, 0.0)
@@ -242,12 +242,12 @@ def _limits(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
             rows += len(ctrl)
             if model.actuator_ctrllimited[index]:
                 low, high = reach = tuple(model.actuator_ctrlrange[index])
-                slack = limits.outside_slack * (high - low)
+                slack = limits.outside * (high - low)
                 outside += int(np.sum((ctrl < low - slack) | (ctrl > high + slack)))
             saturated = _saturated(log, model, index)
             held += int(np.sum(saturated))
             least += [_gain_left(log, model, index, limits.saturated_share)]
-        if rows and outside / rows > limits.outside_share:
+        if rows and outside / rows > limits.outside:
             yield Finding(
                 "ctrlrange",
                 name,
@@ -309,7 +309,7 @@ def _resolution(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     for joint in joints_of(pairs):
         column = f"qpos.{joint}"
         values = [log.column(column)[log.fresh] for log, _ in pairs if column in log.columns]
-        step = step_of(np.concatenate(values), settings.encoder)
+        step = step_of(np.concatenate(values), settings)
         if step > 0:
             unit = unit_of(pairs, joint)
             turn = f", {2 * np.pi / step:.0f} to a turn" if unit == "rad" else ""

@@ -167,7 +167,7 @@ def hunting(
     least, row = max(least, settings.swing), float(np.median(np.diff(time)))
     shaken = [_turns(other, settings.asked * float(np.ptp(other))) for other in others]
     found = _steady(time, angle, command, shaken, least, settings)
-    large = max(least, settings.riding * float(np.ptp(angle)))
+    large = max(least, settings.asked * float(np.ptp(angle)))
     for width in settings.faster_s if row > 0 else ():  # a clock that stands is refused elsewhere
         rows = round(width / row)
         if rows > 1:
@@ -193,7 +193,7 @@ def _steady(
     for k in range(len(swings) - count + 1):
         own = slice(k, k + count)
         even = swings[own].min() >= settings.even * swings[own].max()
-        regular = halves[own].min() >= settings.regular * halves[own].max() > 0
+        regular = halves[own].min() >= settings.even * halves[own].max() > 0
         if even and regular:
             rows = slice(turns[k], turns[k + count] + 1)
             asked = len(_turns(command[rows], settings.asked * float(np.median(swings[own]))))
@@ -246,7 +246,7 @@ def _left_out(time: np.ndarray, hunts: Sequence[Hunt], settings: Limits) -> np.n
     out, ended = np.zeros(len(time), bool), -np.inf
     for hunt in hunts:
         fresh = hunt.first - ended > settings.calm_s
-        kept = settings.kept / (2 * hunt.frequency) if fresh else -settings.calm_s
+        kept = 1 / (2 * hunt.frequency) if fresh else -settings.calm_s
         ended = hunt.last + settings.settle_s
         out |= (time >= hunt.first + kept) & (time <= ended)
     return out

@@ -103,7 +103,7 @@ def _held(logs: Sequence[Log], servo: _Servo, settings: Limits) -> list[np.ndarr
         rest & (current > settings.current * usual[0]) & (error > far)
         for rest, (_, current), error in zip(rests, known, errors, strict=True)
     ]
-    least = settings.shortest_s
+    least = 2 * settings.rest_s
     long = [_seconds(log, rows) >= least for log, rows in zip(logs, held, strict=True)]
     return [rows & enough for rows, enough in zip(held, long, strict=True)]
 

@@ -16,8 +16,6 @@ from sim2real.diagnosis.settings.contract import Contract
 from sim2real.diagnosis.settings.data import (
     Bootstrap,
     Dataset,
-    Encoder,
-    Kinds,
     NoiseFloor,
     Regimes,
     Simulation,
@@ -28,15 +26,10 @@ from sim2real.diagnosis.settings.ground import Ground
 from sim2real.diagnosis.settings.inference import Cogging, Inference, Locating
 from sim2real.diagnosis.settings.numerics import Numerics
 from sim2real.diagnosis.settings.preflight import (
-    Channels,
-    Checks,
-    Clocks,
     Hunting,
     Lag,
     Obstruction,
-    Servo,
-    Speeds,
-    Unlogged,
+    Preflight,
 )
 
 __all__ = [
@@ -44,32 +37,25 @@ __all__ = [
     "TINY",
     "TINY_SQUARE",
     "Bootstrap",
-    "Channels",
-    "Checks",
-    "Clocks",
     "ClosedLoopSettings",
     "Cogging",
     "Compared",
     "Contract",
     "Dataset",
-    "Encoder",
     "Experiment",
     "Ground",
     "Hunting",
     "Inference",
-    "Kinds",
     "Lag",
     "Locating",
     "NoiseFloor",
     "Numerics",
     "Obstruction",
+    "Preflight",
     "Regimes",
     "Row",
-    "Servo",
     "Settings",
     "Simulation",
-    "Speeds",
-    "Unlogged",
     "Windows",
     "rows",
     "setting",
@@ -82,8 +68,6 @@ class Settings:
 
     obstruction: Obstruction = field(default_factory=Obstruction)
     hunting: Hunting = field(default_factory=Hunting)
-    kinds: Kinds = field(default_factory=Kinds)
-    encoder: Encoder = field(default_factory=Encoder)
     noise_floor: NoiseFloor = field(default_factory=NoiseFloor)
     windows: Windows = field(default_factory=Windows)
     ground: Ground = field(default_factory=Ground)
@@ -91,13 +75,8 @@ class Settings:
     dataset: Dataset = field(default_factory=Dataset)
     regimes: Regimes = field(default_factory=Regimes)
     bootstrap: Bootstrap = field(default_factory=Bootstrap)
-    channels: Channels = field(default_factory=Channels)
-    servo: Servo = field(default_factory=Servo)
-    speeds: Speeds = field(default_factory=Speeds)
-    clocks: Clocks = field(default_factory=Clocks)
+    preflight: Preflight = field(default_factory=Preflight)
     lag: Lag = field(default_factory=Lag)
-    checks: Checks = field(default_factory=Checks)
-    unlogged: Unlogged = field(default_factory=Unlogged)
     contract: Contract = field(default_factory=Contract)
     numerics: Numerics = field(default_factory=Numerics)
     cogging: Cogging = field(default_factory=Cogging)
