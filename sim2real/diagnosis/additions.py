@@ -49,9 +49,7 @@ def tested(
     """Say which causes are the simulator's numerics; these are left out of the files."""
     words, physical = dict(found.report.numerics), []
     for number, (cause, effect) in enumerate(zip(found.found, found.report.effects, strict=True)):
-        artefact = is_numerics(
-            prepared.logs, prepared.specs, [cause], null, found.known, settings.numerics
-        )
+        artefact = is_numerics(prepared.logs, prepared.specs, [cause], null, found.known, settings)
         if artefact is None:
             physical.append(number)
         else:
@@ -121,9 +119,9 @@ def planned(found: Diagnosis, data: Data, seed: int) -> Diagnosis:
     if not found.equivalents:
         return found
     logs = [log for number, log in enumerate(data.logs) if model_of(data, number) == 0]
-    rng, limits = np.random.default_rng(seed), data.settings.experiment
+    rng = np.random.default_rng(seed)
     try:
-        plan = design(found, logs, data.specs[0], rng=rng, settings=limits)
+        plan = design(found, logs, data.specs[0], rng=rng, settings=data.settings)
     except Sim2RealError as error:
         log_.info("no next experiment: %s", error)
         return found

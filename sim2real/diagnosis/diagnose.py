@@ -146,7 +146,7 @@ def run_diagnosis(
     made, data, floors = found.made, found.data, found.baseline.floors
     if prepared.restart is not None:
         findings += check_grip(found.judgement.judge.replayer, found.baseline.floor)
-    null = null_test(prepared.logs, prepared.specs, fixed, settings.numerics)
+    null = null_test(prepared.logs, prepared.specs, fixed, settings)
     on_progress("telling what was found", TELLING)
     inputs = _inputs(data, found.judgement.judge.fold, model, seed, exclude)
     inputs["physics steps"] = dict(about.work.steps.most_common())

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from scipy.signal import periodogram
 
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
@@ -22,7 +23,7 @@ from sim2real.diagnosis.data.regimes import regimes
 from sim2real.diagnosis.data.replay import Gap
 from sim2real.diagnosis.evidence import Band
 from sim2real.diagnosis.schema import JointGap, Regime
-from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE, Locating, Regimes, Settings
+from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE, Locating, Settings
 
 
 class Cell(NamedTuple):
@@ -141,12 +142,6 @@ def as_gaps(data: Data, error: np.ndarray) -> list[Gap]:
     return found
 
 
-def _with(
-    gaps: Sequence[Gap], models: Sequence[mujoco.MjModel]
-) -> Iterator[tuple[Gap, mujoco.MjModel | None]]:
-    yield from zip(gaps, models if len(models) else [None] * len(gaps), strict=True)
-
-
 def _errors(gaps: Sequence[Gap], joint: str) -> np.ndarray:
     """Simulated minus measured over all logs that have the joint, (T,)."""
     parts = [
@@ -172,13 +167,14 @@ def _cells(
 ) -> Iterator[Cell]:
     """The kinds of moments of one joint."""
     kinds: dict[tuple[str, str], list[np.ndarray]] = {}
-    own = [(gap, model) for gap, model in _with(gaps, models) if joint in gap.joints]
+    pairs = zip(gaps, models if len(models) else [None] * len(gaps), strict=True)
+    own = [(gap, model) for gap, model in pairs if joint in gap.joints]
     blocks, count, sizes = [], 0, [len(gap.time) for gap, _ in own]
     if not all(f"qpos.{joint}" in gap.log.columns for gap, _ in own):
         return
     for number, (gap, model) in enumerate(own):
         log = gap.log
-        for kind in _kinds(log, model, joint, settings.regimes):
+        for kind in _kinds(log, model, joint, settings):
             rows = kinds.setdefault((kind[0], kind[1]), [np.zeros(n, bool) for n in sizes])
             rows[number] = kind[2]
         new_block = np.diff(log.episode, prepend=log.episode[0]) != 0
@@ -187,15 +183,17 @@ def _cells(
         count = int(blocks[-1][-1]) + 1
     block = np.concatenate(blocks)
     power = np.bincount(block, old**2, count)
-    limits = settings.bootstrap
-    weights = rng.multinomial(count, np.full(count, 1 / count), limits.draws)  # (D, blocks)
+    weights = rng.multinomial(
+        count, np.full(count, 1 / count), settings.bootstrap.draws
+    )  # (D, blocks)
+    level = settings.inference.level
     whole = np.maximum(weights @ power, TINY_SQUARE)
     for (group, name), parts in kinds.items():
         rows = np.concatenate(parts)
         if not rows.any():
             continue
         shares = weights @ np.bincount(block[rows], old[rows] ** 2, count) / whole
-        low, high = np.quantile(shares, [limits.tail, 1 - limits.tail])
+        low, high = np.quantile(shares, [level, 1 - level])
         share = float(np.sum(old[rows] ** 2) / max(np.sum(old**2), TINY_SQUARE))
         later = None if new is None or len(new) != len(old) else _rms(new[rows])
         time = float(rows.mean())
@@ -203,7 +201,7 @@ def _cells(
 
 
 def _kinds(
-    log: Log, model: mujoco.MjModel | None, joint: str, settings: Regimes
+    log: Log, model: mujoco.MjModel | None, joint: str, settings: Settings
 ) -> Iterator[tuple[str, str, np.ndarray]]:
     """The kinds of moments of a log, its episodes and itself among them."""
     yield from regimes(log, model, joint, settings)
@@ -236,9 +234,8 @@ def _spectrum(gaps: Sequence[Gap], joint: str, edges: Sequence[float]) -> tuple[
             time, values = gap.time[own], error[own]
             dt = float(np.median(np.diff(time)))
             clock = np.arange(time[0], time[-1] + dt / 2, dt)
-            line = np.abs(np.fft.rfft(np.interp(clock, time, values))) ** 2 / len(clock) ** 2
-            line[1:] *= 2
-            rates = np.fft.rfftfreq(len(clock), dt)
+            evenly = np.interp(clock, time, values)
+            rates, line = periodogram(evenly, 1 / dt, detrend=False, scaling="spectrum")  # type: ignore[arg-type]
             bins = np.clip(np.searchsorted(edges, rates, side="right") - 1, 0, len(power) - 1)
             power += len(clock) * np.bincount(bins, line, len(power))
             rows, nyquist = rows + len(clock), min(nyquist, 1 / (2 * dt))

@@ -174,7 +174,7 @@ def prepare(
     settings: Settings,
 ) -> Prepared:
     """Replay logs with what they share, and with each watched effect a little larger."""
-    motions = pair(logs, settings.compared)
+    motions = pair(logs, settings)
     data, partner = aligned(Data.of(logs, model, settings), motions)
     windows = np.flatnonzero(partner == np.arange(len(partner)))
     watch = watched(data, known, names)

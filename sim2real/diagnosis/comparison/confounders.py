@@ -126,9 +126,9 @@ def _least(
     for k, column in enumerate(columns):
         if column.option.name in FIELDS:
             own = mean if column.option.shared else whole.get(column.option.place, 0.0)
-            least[k] = limits.unequal_friction * warmer * own
+            least[k] = limits.unequal * warmer * own
         elif column.option.name in DRIVES:
-            least[k] = limits.unequal_strength * warmer
+            least[k] = limits.unequal * warmer
     return least
 
 

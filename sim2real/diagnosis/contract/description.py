@@ -25,6 +25,7 @@ from sim2real.diagnosis.contract.terms import (
     numbers,
     positive,
 )
+from sim2real.diagnosis.data.pairs import TURN
 
 FOLDER = Path(__file__).parent / "observations"
 READY = tuple(sorted(path.stem for path in FOLDER.glob("*.yaml")))
@@ -247,7 +248,7 @@ def _pose(place: str, given: Any, joints: tuple[str, ...]) -> np.ndarray | None:
         )
     for name, value in zip(joints, given, strict=True):
         real = isinstance(value, int | float) and not isinstance(value, bool)
-        if not real or not abs(value) <= 2 * np.pi:
+        if not real or not abs(value) <= TURN:
             raise ContractError(
                 f"{place}, default_pose: {name} {value!r} must be an angle [rad] within a turn"
             )

@@ -77,7 +77,7 @@ def _others(values: np.ndarray, about: Description, rows: Rows, limits: Contract
         fix = f"stack it {own.order.replace('_', ' ')}, {own.layout} after {own.layout}"
         made = _way(values, History(own.length, layout, order), about, rows, limits)
         found.append(made._replace(fault=fault, text=text, fix=fix))
-    for stride in (0, *limits.strides):
+    for stride in (0, *range(2, limits.ages_max + 1)):
         made = _way(values, own, about, rows, limits, stride)
         same = "all frames of the history are the newest one"
         text = same if stride == 0 else f"the frames of the history are {stride} steps apart"

@@ -189,7 +189,7 @@ class Data:
         """
         specs = [spec.copy() for spec in self.specs]
         for spec in specs:
-            spec.option.timestep *= max(int(most / spec.option.timestep * (1 + 1e-9)), 1)
+            spec.option.timestep *= max(int(most / spec.option.timestep * (1 + TINY)), 1)
         pairs = zip(specs, self.specs, strict=True)
         if all(spec.option.timestep == own.option.timestep for spec, own in pairs):
             return None

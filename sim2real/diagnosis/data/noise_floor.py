@@ -56,6 +56,13 @@ def step_of(values: np.ndarray, settings: Settings = DEFAULT) -> float:
     return step if whole.mean() > 1 - settings.inference.level else 0.0
 
 
+def count_of(logs: Sequence[Log], joint: str, settings: Settings = DEFAULT) -> float:
+    """Return the step between two readings of a joint, 0 if they are not rounded."""
+    column = f"qpos.{joint}"
+    values = [log.column(column)[log.fresh] for log in logs if column in log.columns]
+    return step_of(np.concatenate(values), settings)
+
+
 def rounding(step: float) -> float:
     """Return the root mean square error of rounding to steps of this size."""
     return float(step / np.sqrt(UNIFORM))
@@ -117,19 +124,12 @@ def _repeats(logs: Sequence[Log], names: Sequence[str], settings: Settings) -> d
         scatter = np.sqrt(own / number)
         if not scatter.size:
             continue
-        counts = settings.preflight.counts * _count(logs, name, settings)
+        counts = settings.preflight.counts * count_of(logs, name, settings)
         far = max(limits.outlier_scatter * float(np.median(scatter)), counts)
         near = scatter <= far
         if number[near].sum() >= settings.preflight.rows_min:
             found[name] = float(np.sqrt(own[near].sum() / number[near].sum()))
     return found
-
-
-def _count(logs: Sequence[Log], joint: str, settings: Settings) -> float:
-    """Return the step between two readings of a joint, 0 if they are not rounded."""
-    column = f"qpos.{joint}"
-    values = [log.column(column)[log.fresh] for log in logs if column in log.columns]
-    return step_of(np.concatenate(values), settings)
 
 
 def _moments(

@@ -30,6 +30,7 @@ from sim2real.diagnosis.data.recording import (
     with_bus_delay,
 )
 from sim2real.diagnosis.data.refuse import refuse_clock, refuse_sparse
+from sim2real.diagnosis.data.trial import BYTES, LARGEST
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.figures import COLOURS, INK, figure
 from sim2real.runs.files import write_text
@@ -37,7 +38,6 @@ from sim2real.runs.tables import Table
 
 log_ = logging.getLogger(__name__)
 SHOWN = 4  # logs in the picture
-LARGEST = 2e8  # bytes of positions simulated at once
 
 
 class Gap(NamedTuple):
@@ -99,7 +99,7 @@ def _of_one_model(
     episodes = [(number, part) for number, log in enumerate(logs) for part in log.episodes()]
     recordings = [to_recording(part, model) for _, part in episodes]
     longest = max(recording.time[-1] for recording in recordings) / model.opt.timestep
-    pieces = int(np.ceil(len(recordings) * longest * (model.nq + model.nu) * 8 / LARGEST))
+    pieces = int(np.ceil(len(recordings) * longest * (model.nq + model.nu) * BYTES / LARGEST))
     paths: list[np.ndarray] = []
     for rows in np.array_split(np.arange(len(recordings)), max(pieces, 1)):
         plant = Plant(delayed, num_rows=len(rows), fixed=fixed)

@@ -115,7 +115,6 @@ class Simulator:
         models: Sequence[_Lean] | None = None,
     ) -> None:
         self.data, self.fixed, self.threads, self.on_run = data, tuple(fixed), threads, on_run
-        self.settings = data.settings.simulation
         self.heat = Heat(data, self._paths)
         self.work = Work() if work is None else work
         self._models = [_Lean.of(spec) for spec in data.specs] if models is None else models
@@ -275,8 +274,8 @@ class Simulator:
         mask = data.mask[windows][..., None]
         error = np.where(mask, (simulated - data.measured[windows]) / data.scale, 0.0)
         slope = np.where(mask, change / motion.dt / data.scale, 0.0)
-        limits = self.settings
-        limit = np.maximum(limits.error_max * self._spread, limits.spread_min) / data.scale
+        spread = np.maximum(self._spread, data.settings.preflight.count_min)
+        limit = data.settings.simulation.error_max * spread / data.scale
         error = np.where(np.isfinite(error), np.clip(error, -limit, limit), limit)
         slope = np.nan_to_num(slope)
         self.on_run()

@@ -15,6 +15,7 @@ import numpy as np
 
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.recording import episode_rows
 from sim2real.diagnosis.ground.estimate import Estimate
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import Ground
@@ -25,7 +26,7 @@ SHOWN = 3  # moments that a sentence names
 def is_pushed(data: Data, error: np.ndarray) -> np.ndarray:
     """Return which windows are pushed, (W,) bool, from errors of the model as given (W, T, M)."""
     settings, size = data.settings.ground, _turned(data, error)
-    far = size > max(settings.push_times * float(np.median(size)), settings.push_rad)
+    far = size > max(settings.push_times * float(np.median(size)), settings.told_rad)
     return far if _is_odd(data, far) else np.zeros(len(error), bool)
 
 
@@ -40,21 +41,18 @@ def _is_odd(data: Data, far: np.ndarray) -> bool:
     """Return whether windows (W,) are few, and not all of a log: else the model is wrong there."""
     logs = np.array([window.log for window in data.windows])
     whole = any(far[logs == log].all() for log in set(logs.tolist()))
-    return bool(far.mean() <= data.settings.ground.push_share) and not whole
+    return bool(far.mean() <= data.settings.ground.told_share) and not whole
 
 
 def rows_of(estimate: Estimate, settings: Ground) -> list[tuple[int, int, int]]:
     """Return start, first compared row and end of each window."""
-    found, start = [], 0
-    for part in estimate.log.episodes():
-        step = float(np.median(np.diff(part.time)))
+    found = []
+    for rows in episode_rows(estimate.log):
+        step, count = float(np.median(np.diff(estimate.log.time[rows]))), rows.stop - rows.start
         length = max(round(settings.window_s / step), 2)
-        pieces = max((len(part) - 2) // length, 1)
-        cuts = np.linspace(1, len(part) - 1, pieces + 1).astype(int)
-        found += [
-            (start + a, start + a + 1, start + b + 1) for a, b in pairwise(cuts.tolist()) if b > a
-        ]
-        start += len(part)
+        cuts = np.linspace(1, count - 1, max((count - 2) // length, 1) + 1).astype(int)
+        ends = pairwise((rows.start + cuts).tolist())
+        found += [(a, a + 1, b + 1) for a, b in ends if b > a]
     return found
 
 

@@ -54,8 +54,8 @@ def unknowns(estimate: Estimate, model: mujoco.MjModel, row: int, settings: Grou
         add(
             axes[dof],
             False,
-            settings.reading_doubt + settings.late_doubt * usual,
-            settings.reading_doubt,
+            settings.error_rad + settings.late_doubt * usual,
+            settings.error_rad,
         )
         add(axes[dof], True, settings.speed_doubt + jump, float(estimate.slope[row, dof]))
     return Unknowns(np.array(place), np.array(speed), np.array(known))

@@ -64,7 +64,7 @@ def _joints(data: Data, estimates: Sequence[Estimate], settings: Ground) -> list
         found = [joint._replace(scale=1.0) for joint in found]
     if base.is_free and _is_felt(estimates):
         name, first = model.joint(base.joints[0]).name, int(base.turn[0])
-        floor = HALF * settings.turn_floor
+        floor = HALF * settings.error_rad
         for k in PARTS:
             column = np.concatenate([e.log.column(f"qpos.{name}.{k}") for e in estimates])
             place, spread = first + k - 3, float(column.std())
@@ -107,9 +107,8 @@ def _responses(
     data: Data, doubts: Sequence[Unknowns], fixed: Sequence[Fixed]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return errors (W, T, M), and their change by one deviation of each unknown (W, T, M, D)."""
-    step = data.settings.ground.difference
     count = len(doubts[0].place)
-    steps = np.vstack([np.zeros(count), step * np.eye(count)])
+    steps = np.vstack([np.zeros(count), np.eye(count)])
     starts = [
         window._replace(
             recording=moved(data.models[window.model], window.recording, doubt, amounts)
@@ -119,7 +118,7 @@ def _responses(
     ]
     error = errors_as_given(data, starts, fixed)
     error = error.reshape(len(doubts), len(steps), *error.shape[1:])
-    return error[:, 0], np.moveaxis((error[:, 1:] - error[:, :1]) / step, 1, -1)
+    return error[:, 0], np.moveaxis(error[:, 1:] - error[:, :1], 1, -1)
 
 
 def _refined(
@@ -141,7 +140,7 @@ def _refined(
     step = np.clip(step, -settings.step_max, settings.step_max)
     best = [window.recording for window in data.windows]
     cost = (rest**2).sum(axis=1)
-    for share in settings.step_shares:
+    for share in (1.0, HALF):
         amounts = share * step
         tried = [
             moved(data.models[w.model], w.recording, doubt, own)

@@ -14,8 +14,8 @@ import numpy as np
 
 from envs.effects.servo import is_joint_servo
 from hardware.log import READING, Log
-from sim2real.diagnosis.data.noise_floor import step_of
-from sim2real.diagnosis.data.pairs import Pairs, index_of, joints_of, name_of, unit_of, which
+from sim2real.diagnosis.data.noise_floor import count_of
+from sim2real.diagnosis.data.pairs import TURN, Pairs, index_of, joints_of, name_of, unit_of, which
 from sim2real.diagnosis.data.windows import reversals
 from sim2real.diagnosis.preflight.duties import check_duties
 from sim2real.diagnosis.preflight.speeds import check_speeds
@@ -115,10 +115,9 @@ def _loss(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
             column = f"qpos.{joint}"
             if column not in log.columns:
                 continue
+            step = max(count_of([log], joint, settings), limits.count_min)
             for part in log.episodes():
                 q = part.column(column)
-                step = step_of(log.column(column)[log.fresh], settings)
-                step = max(step, limits.count_min)
                 if len(q) <= len(("before", "same", "after")):
                     continue
                 same = q[1:-2] == q[2:-1]
@@ -223,7 +222,7 @@ def _ranges(model: mujoco.MjModel) -> dict[str, float]:
         joint = model.joint(int(model.actuator_trnid[i, 0]))
         if joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE:
             limited = bool(model.actuator_ctrllimited[i])
-            reach = float(np.abs(model.actuator_ctrlrange[i]).max()) if limited else 2 * np.pi
+            reach = float(np.abs(model.actuator_ctrlrange[i]).max()) if limited else TURN
             found.setdefault(joint.name, reach)
     return found
 
@@ -307,12 +306,10 @@ def _force(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray | None:
 def _resolution(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """The encoder's steps."""
     for joint in joints_of(pairs):
-        column = f"qpos.{joint}"
-        values = [log.column(column)[log.fresh] for log, _ in pairs if column in log.columns]
-        step = step_of(np.concatenate(values), settings)
+        step = count_of([log for log, _ in pairs], joint, settings)
         if step > 0:
             unit = unit_of(pairs, joint)
-            turn = f", {2 * np.pi / step:.0f} to a turn" if unit == "rad" else ""
+            turn = f", {TURN / step:.0f} to a turn" if unit == "rad" else ""
             yield Finding(
                 "quantization",
                 joint,

@@ -10,10 +10,9 @@ tell what the sensors are like.
 from collections.abc import Callable, Iterable, Sequence
 
 import mujoco
-import numpy as np
 
 from hardware.log import Log
-from sim2real.diagnosis.data.noise_floor import noise_floor, rounding, step_of
+from sim2real.diagnosis.data.noise_floor import count_of, noise_floor, rounding
 from sim2real.diagnosis.preflight.channels import NOTES, check_channels
 from sim2real.diagnosis.preflight.clocks import check_clocks
 from sim2real.diagnosis.preflight.lag import check_lag
@@ -71,10 +70,8 @@ def _noise(logs: Sequence[Log], settings: Settings) -> list[Finding]:
     """Joints whose readings scatter by more than their counts."""
     found, limits = [], settings.preflight
     for joint, floor in noise_floor(logs, settings).items():
-        column = f"qpos.{joint}"
-        values = [log.column(column)[log.fresh] for log in logs if column in log.columns]
-        least = rounding(step_of(np.concatenate(values), settings))
-        if floor > limits.noise * max(least, rounding(limits.count_min)):
+        least = rounding(max(count_of(logs, joint, settings), limits.count_min))
+        if floor > limits.noise * least:
             found.append(
                 Finding(
                     "noise",

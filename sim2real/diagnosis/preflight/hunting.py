@@ -19,7 +19,8 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import find_peaks
 
 from hardware.log import Log
-from sim2real.diagnosis.data.noise_floor import step_of
+from sim2real.diagnosis.data.noise_floor import count_of
+from sim2real.diagnosis.data.recording import episode_rows, flagged
 from sim2real.diagnosis.data.replay import Gap
 from sim2real.diagnosis.data.windows import HUNTING
 from sim2real.diagnosis.schema import Finding
@@ -59,11 +60,7 @@ def mark_hunting(
                 found += [(log, hunt) for hunt in hunts]
         if found:
             findings.append(_finding(joint, found))
-    marked = [
-        Log({**log.columns, HUNTING: flag.astype(float)}, log.meta, log.path) if flag.any() else log
-        for log, flag in zip(logs, flags, strict=True)
-    ]
-    return marked, findings
+    return [flagged(log, HUNTING, own) for log, own in zip(logs, flags, strict=True)], findings
 
 
 def tell_simulated(
@@ -128,17 +125,14 @@ def _each(
     log: Log, angle: np.ndarray, actuator: str, joint: str, settings: Limits
 ) -> Iterator[tuple[slice, list[Hunt]]]:
     """Yield the rows of each episode, and where an angle hunts in them, its servo on."""
-    least = settings.counts * step_of(log.column(f"qpos.{joint}")[log.fresh])
-    command, start = log.column(f"ctrl.{actuator}"), 0
+    least, command = settings.counts * count_of([log], joint), log.column(f"ctrl.{actuator}")
     others = [log.column(f"ctrl.{name}") for name in log.actuators if name != actuator]
     off = log.columns.get(f"torque.{actuator}", np.ones(len(log))) <= 0
-    for part in log.episodes():
-        rows = slice(start, start + len(part))
+    for rows in episode_rows(log):
         rest = [other[rows] for other in others]
         time, free = log.time[rows], log.time[rows][off[rows]]
         hunts = hunting(time, angle[rows], command[rows], rest, least, settings)
         yield rows, [h for h in hunts if not ((free >= h.first) & (free <= h.last)).any()]
-        start += len(part)
 
 
 def hunting(

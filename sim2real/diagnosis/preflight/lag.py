@@ -13,9 +13,11 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
+from sim2real.diagnosis.data.recording import episode_rows
 from sim2real.diagnosis.data.trial import Piece, piece, trial
 from sim2real.diagnosis.data.windows import hunting_rows
 from sim2real.diagnosis.schema import Finding
@@ -86,13 +88,12 @@ def lags(
 
 def _starts(log: Log, number: int, settings: Settings) -> list[Piece]:
     """The first minute of each episode that is long enough."""
-    start, found, limits = 0, [], settings.lag
-    for part in log.episodes():
-        time = part.time - part.time[0]
+    found, limits = [], settings.lag
+    for own in episode_rows(log):
+        time = log.time[own] - log.time[own.start]
         rows = int(np.searchsorted(time, limits.episode_s - ROUNDING))
         if time[rows - 1] > 2 * limits.windows_min * limits.window_s:
-            found.append(piece(log, number, start, start + rows))
-        start += len(part)
+            found.append(piece(log, number, own.start, own.start + rows))
     return found
 
 
@@ -114,20 +115,15 @@ def _windows(joint: str, log: Log, simulated: np.ndarray, settings: Settings) ->
             or hunts[first : first + width].any()
         ):
             continue
-        scores = [
-            _alike(here, model[first - shift : first - shift + width])
-            for shift in range(-reach, reach + 1)
-        ]
+        others = sliding_window_view(model[first - reach : first + width + reach], width)[::-1]
+        size = np.sqrt((here @ here) * np.square(others).sum(axis=1))
+        scores = others @ here / np.maximum(size, TINY_SQUARE)
         best = int(np.argmax(scores))
         if scores[best] > limits.alike and 0 < best < 2 * reach:
             shift = best - reach + _vertex(*scores[best - 1 : best + 2])
             middle = clock[first] + limits.window_s / 2
             found.append(Lag(joint, float(middle), float(shift * dt)))
     return found
-
-
-def _alike(one: np.ndarray, other: np.ndarray) -> float:
-    return float(one @ other / max(np.sqrt((one @ one) * (other @ other)), TINY_SQUARE))
 
 
 def _vertex(left: float, middle: float, right: float) -> float:

@@ -18,6 +18,7 @@ from markupsafe import Markup
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
+from sim2real.diagnosis.data.pairs import TURN
 from sim2real.diagnosis.data.recording import home
 from sim2real.diagnosis.report import text
 
@@ -120,7 +121,7 @@ def _corners(model: mujoco.MjModel, geom: int) -> np.ndarray:
     """Return points on the outline of a geom in its own frame, (n, 3)."""
     middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
     if int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_CYLINDER):
-        turn = np.linspace(0, 2 * np.pi, RIM, endpoint=False)
+        turn = np.linspace(0, TURN, RIM, endpoint=False)
         rim = model.geom_size[geom, 0] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
         long = float(model.geom_size[geom, 1])
         return np.concatenate([np.column_stack([rim, np.full(RIM, z)]) for z in (-long, long)])

@@ -12,6 +12,7 @@ from sim2real.diagnosis.schema import Cause, Report
 from sim2real.diagnosis.settings import TINY
 
 SMALL = {"rad": "mrad", "m": "mm", "s": "ms", "N·m": "mN·m", "kg": "g", "V": "mV"}  # thousandths
+HALF, TENTH = 0.005, 0.0005  # shares that round to a percent, and to a tenth of one
 NOISE = 2.0  # floors that noise accounts for
 SINGLY = 4  # causes that a sentence names with their places
 CROWD = 3  # causes at one joint that may stand for a missing law: benchmarks/notebook/exam.md
@@ -52,8 +53,9 @@ def percent(share: float | None) -> str:
     """Return a share as a whole percentage; tenths next to 0 and 100 where they matter."""
     if share is None:
         return "–"
-    digits = 1 if 0.995 < abs(share) < 0.9995 or 0.0005 <= abs(share) < 0.01 else 0
-    return f"{100 * share:.{digits}f}\N{NO-BREAK SPACE}%"
+    size = abs(share)
+    digits = 1 if TENTH <= size < 2 * HALF or 1 - HALF < size < 1 - TENTH else 0
+    return f"{share:.{digits}%}".replace("%", "\N{NO-BREAK SPACE}%")
 
 
 def degrees(value: float, unit: str) -> str:

@@ -50,12 +50,6 @@ class Windows:
     kick_s: float = setting(
         0.3, "s", "time left out afterwards, because no log has the exact moment", DEVELOPED
     )
-    blocked_share: float = setting(
-        0.5, "1", "fraction of blocked rows above which a window is left out", JUDGED
-    )
-    off_unrest: float = setting(
-        100.0, "1/s", "penalty of rows without torque in the search for calm starts", JUDGED
-    )
     unrest_rows: int = setting(5, "1", "rows over which motion is averaged in this search", JUDGED)
     reach: float = setting(0.25, "1", "largest shift of a start, relative to a window", JUDGED)
 
@@ -69,7 +63,6 @@ class Simulation:
     )
     piece_s: float = setting(5.0, "s", "length of a piece of a log that is replayed", COST)
     pieces: int = setting(4, "1", "number of replayed pieces", COST)
-    spread_min: float = setting(1e-3, "rad", "minimum motion to which it is relative", JUDGED)
     strengths: tuple[float, ...] = setting(
         (0.5, 0.2, 0.07),
         "1",
@@ -102,11 +95,9 @@ class Regimes:
     rest_speed: float = setting(0.05, "rad/s", "speed below which a joint rests", JUDGED)
     reversal_before_s: float = setting(0.05, "s", "duration of a reversal before the turn", JUDGED)
     reversal_after_s: float = setting(0.3, "s", "duration of a reversal after the turn", JUDGED)
-    still_command: float = setting(2e-3, "rad", "motion of a command below which it rests", JUDGED)
     held_s: float = setting(0.5, "s", "duration after which a still command counts as held", JUDGED)
     smoothing_s: float = setting(0.06, "s", "duration over which speeds are averaged", JUDGED)
     goal_error: float = setting(0.01, "rad", "error below which a joint is at its goal", JUDGED)
-    load_min: float = setting(1e-6, "N·m", "gravity torque below which robots have no load", JUDGED)
     load_none: float = setting(0.1, "1", "fraction of the largest load that is not a load", JUDGED)
     rare: float = setting(
         0.98,
@@ -129,4 +120,3 @@ class Bootstrap:
         "minimum number of blocks of a recording, whatever the correlation time of its residual",
         "derived: what shows in a tenth of them is drawn again in 19 of 20 resamples",
     )
-    tail: float = setting(0.05, "1", "probability below and above an interval", "convention: 90 %")
