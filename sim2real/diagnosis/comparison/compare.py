@@ -332,26 +332,15 @@ def _measured(change: float, limit: float | None) -> Change:
 
 
 def _values(watch: Watch) -> tuple[Value, ...]:
-    found, start = [], 0
-    for effect, values in watch.fixed:
-        found.append(Value(effect.name, effect.where, effect.side, float(values[0]), effect.unit))
-    for member in watch.shared:
-        effect = member.effect
-        value = float(watch.values[start])
-        found.append(Value(effect.name, member.place, effect.side, value, effect.unit))
-        start += len(member.neutral)
-    return tuple(found)
+    fixed = [(effect, effect.where, values) for effect, values in watch.fixed]
+    both = [*fixed, *((m.effect, m.place, values) for m, values in watch.pairs)]
+    return tuple(Value(e.name, w, e.side, float(values[0]), e.unit) for e, w, values in both)
 
 
 def _read(logs: Logs, what: str) -> list[Log]:
-    if isinstance(logs, Log):
-        return [logs]
-    if isinstance(logs, str | Path):
-        return read_logs(logs)
-    found = [log for one in logs for log in ([one] if isinstance(one, Log) else read_logs(one))]
-    if not found:
+    if isinstance(logs, Sequence) and not logs:
         raise Sim2RealError(f"{what}: there are no logs; give {what}=PATH")
-    return found
+    return read_logs(logs)
 
 
 def _names(

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from sim2real.diagnosis.comparison.answer import Alike, Change, Comparison, Fleet, Value
-from sim2real.diagnosis.report.html import template
 from sim2real.diagnosis.report.text import effect_display_name, format_place
 from sim2real.runs.files import write_text
+from sim2real.runs.pages import template
 
 PAGE = Path(__file__).parent / "page" / "compare.html"
 WORDS = {"unchanged": "Nothing changed.", "cannot_tell": "These logs cannot tell."}

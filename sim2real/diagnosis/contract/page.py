@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from sim2real.diagnosis.contract.answer import Answer
-from sim2real.diagnosis.report.html import template
 from sim2real.runs.files import write_text
+from sim2real.runs.pages import template
 
 PAGE = Path(__file__).parent / "page" / "contract.html"
 

@@ -134,11 +134,6 @@ class Simulator:
         return _Plan(schedule(window.recording, dt), readings(sample, dt))
 
     @property
-    def seconds(self) -> float:
-        """Robot time simulated [s]."""
-        return self.work.seconds
-
-    @property
     def steps(self) -> int:
         """Physics steps, of all rows."""
         return self.work.total

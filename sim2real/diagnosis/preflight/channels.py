@@ -243,9 +243,13 @@ def _limits(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
                 low, high = reach = tuple(model.actuator_ctrlrange[index])
                 slack = limits.outside * (high - low)
                 outside += int(np.sum((ctrl < low - slack) | (ctrl > high + slack)))
-            saturated = _saturated(log, model, index)
-            held += int(np.sum(saturated))
-            least += [_gain_left(log, model, index, limits.saturated_share)]
+            force = _force(log, model, index)
+            if force is not None and model.actuator_forcelimited[index]:
+                size, most = np.abs(force), float(model.actuator_forcerange[index, 1])
+                on = log.columns.get(f"torque.{name}", np.ones(len(log))) > 0
+                held += int(np.sum(on & (size >= most)))
+                often = float(np.quantile(size, 1 - limits.saturated_share))
+                least += [min(most / max(often, TINY), 1.0)]
         if rows and outside / rows > limits.outside:
             yield Finding(
                 "ctrlrange",
@@ -264,24 +268,6 @@ def _limits(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
                 "does.",
                 "Compare the model's kp and forcerange with the servo's; record smaller motions.",
             )
-
-
-def _gain_left(log: Log, model: mujoco.MjModel, index: int, share: float) -> float:
-    """Return the factor on a servo's gain under which its limit would hold it in few rows."""
-    force = _force(log, model, index)
-    if force is None or not force.any():
-        return 1.0
-    most = float(np.quantile(np.abs(force), 1 - share))
-    return min(float(model.actuator_forcerange[index, 1]) / max(most, TINY), 1.0)
-
-
-def _saturated(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray:
-    """In which rows the model's position servo would be at its limit of force, (T,) bool."""
-    force = _force(log, model, index)
-    if force is None or not model.actuator_forcelimited[index]:
-        return np.zeros(len(log), bool)
-    on = log.columns.get(f"torque.{model.actuator(index).name}", np.ones(len(log))) > 0
-    return on & (np.abs(force) >= model.actuator_forcerange[index, 1])
 
 
 def _force(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray | None:
