@@ -73,7 +73,7 @@ def prepare(
         refuse_clock(log, settings)
         refuse_sparse(log, settings)
     driven = _driven(logs, model)
-    logs, held = mark_blocked(logs, driven, settings.obstruction)
+    logs, held = mark_blocked(logs, driven, settings)
     logs, hunts = mark_hunting(logs, driven, settings.hunting)
     estimates = estimate_all(logs, model, settings.ground)
     logs = [one.log for one in estimates] or logs

@@ -68,7 +68,7 @@ def contradicting(
 ) -> Iterator[tuple[str, str, str, str]]:
     """Yield check, location, finding and fix for each channel whose error the causes increase."""
     for gap in gaps:
-        far = gap.after - gap.before > settings.worse_noises * gap.noise
+        far = gap.after - gap.before > settings.sigmas * gap.noise
         if far and gap.after > settings.worse * gap.before:
             yield (
                 "witness",

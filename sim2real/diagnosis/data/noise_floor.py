@@ -102,7 +102,6 @@ def reading_noise(logs: Sequence[Log], column: str, settings: Settings) -> float
 
 def _repeats(logs: Sequence[Log], names: Sequence[str], settings: Settings) -> dict[str, float]:
     """The scatter of each joint over moments whose commands agree for a second before."""
-    limits = settings.noise_floor
     groups: dict[tuple[str, bytes], list[tuple[int, float, np.ndarray]]] = {}
     number = 0
     for log in logs:
@@ -125,7 +124,7 @@ def _repeats(logs: Sequence[Log], names: Sequence[str], settings: Settings) -> d
         if not scatter.size:
             continue
         counts = settings.preflight.counts * count_of(logs, name, settings)
-        far = max(limits.outlier_scatter * float(np.median(scatter)), counts)
+        far = max(settings.preflight.sigmas * float(np.median(scatter)), counts)
         near = scatter <= far
         if number[near].sum() >= settings.preflight.rows_min:
             found[name] = float(np.sqrt(own[near].sum() / number[near].sum()))

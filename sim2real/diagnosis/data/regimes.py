@@ -135,7 +135,7 @@ def _reversal(log: Log, v: np.ndarray, settings: Settings) -> np.ndarray:
         turns = moving[1:][np.diff(sign[moving]) != 0] if moving.size else moving
         since = time - time[turns][:, None]  # (turns, T)
         limits = settings.regimes
-        near = (since >= -limits.reversal_before_s) & (since < limits.reversal_after_s)
+        near = (since >= -limits.smoothing_s) & (since < limits.reversal_after_s)
         found.append(near.any(axis=0))
     return np.concatenate(found)
 

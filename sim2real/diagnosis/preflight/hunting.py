@@ -193,7 +193,7 @@ def _steady(
             asked = len(_turns(command[rows], settings.asked * float(np.median(swings[own]))))
             ends = (turns[k], turns[k + count])
             busiest = max((int(np.diff(np.searchsorted(t, ends))[0]) for t in shaken), default=0)
-            steady[own] |= asked <= settings.asked_turns and busiest <= settings.shaken_turns
+            steady[own] |= 4 * asked <= count and 2 * busiest <= count
     edges = np.flatnonzero(np.diff(np.concatenate([[0], steady.astype(int), [0]])))
     return [
         Hunt(
@@ -241,7 +241,7 @@ def _left_out(time: np.ndarray, hunts: Sequence[Hunt], settings: Limits) -> np.n
     for hunt in hunts:
         fresh = hunt.first - ended > settings.calm_s
         kept = 1 / (2 * hunt.frequency) if fresh else -settings.calm_s
-        ended = hunt.last + settings.settle_s
+        ended = hunt.last + settings.calm_s
         out |= (time >= hunt.first + kept) & (time <= ended)
     return out
 

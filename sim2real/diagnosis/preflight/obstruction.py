@@ -21,8 +21,7 @@ from hardware.log import Log
 from sim2real.diagnosis.data.recording import flagged
 from sim2real.diagnosis.data.windows import BLOCKED
 from sim2real.diagnosis.schema import Finding
-from sim2real.diagnosis.settings import DEFAULT
-from sim2real.diagnosis.settings import Obstruction as Limits
+from sim2real.diagnosis.settings import DEFAULT, Obstruction, Settings
 
 
 def positioned(log: Log, spec: mujoco.MjSpec) -> dict[str, str]:
@@ -41,7 +40,7 @@ def positioned(log: Log, spec: mujoco.MjSpec) -> dict[str, str]:
 def mark_blocked(
     logs: Sequence[Log],
     driven: Mapping[str, str],
-    settings: Limits = DEFAULT.obstruction,
+    settings: Settings = DEFAULT,
 ) -> tuple[list[Log], list[Finding]]:
     """Return the logs with blocked rows flagged, and what was found.
 
@@ -57,17 +56,17 @@ def mark_blocked(
     for servo in driven.items():
         held = _held(logs, servo, settings)
         if any(rows.any() for rows in held):
-            findings.append(_finding(logs, servo, held, settings))
+            findings.append(_finding(logs, servo, held, settings.obstruction))
             flags = [
-                flag | _widened(log, rows, settings.margin_s)
+                flag | _widened(log, rows, settings.obstruction.margin_s)
                 for flag, log, rows in zip(flags, logs, held, strict=True)
             ]
     return [flagged(log, BLOCKED, own) for log, own in zip(logs, flags, strict=True)], findings
 
 
-def _held(logs: Sequence[Log], servo: tuple[str, str], settings: Limits) -> list[np.ndarray]:
+def _held(logs: Sequence[Log], servo: tuple[str, str], settings: Settings) -> list[np.ndarray]:
     """Return the rows of each log in which a joint is held by something else, (T,) bool."""
-    actuator, joint = servo
+    (actuator, joint), limits = servo, settings.obstruction
     position = f"qpos.{joint}"
     none = [np.zeros(len(log), bool) for log in logs]
     seen = [(log, _current(log, servo)) for log in logs]
@@ -75,22 +74,22 @@ def _held(logs: Sequence[Log], servo: tuple[str, str], settings: Limits) -> list
     if len(known) < len(logs) or any(actuator not in log.actuators for log in logs):
         return none
     errors = [np.abs(log.column(f"ctrl.{actuator}") - log.column(position)) for log in logs]
-    rests = [_resting(log, servo, settings) for log in logs]
+    rests = [_resting(log, servo, limits) for log in logs]
     every = np.concatenate(rests)
-    if every.sum() < settings.rests_min:
+    if every.sum() < settings.preflight.rows_min:
         return none
     usual = [
-        float(np.quantile(np.concatenate(parts)[every], settings.usual))
+        float(np.quantile(np.concatenate(parts)[every], 1 - 2 * settings.inference.level))
         for parts in ([c for _, c in known], errors)
     ]
     if min(usual) <= 0:
         return none
-    far = settings.error * (usual[1] + settings.still)  # a joint that rests may be off by that
+    far = limits.error * (usual[1] + limits.still)  # a joint that rests may be off by that
     held = [
-        rest & (current > settings.current * usual[0]) & (error > far)
+        rest & (current > limits.current * usual[0]) & (error > far)
         for rest, (_, current), error in zip(rests, known, errors, strict=True)
     ]
-    least = 2 * settings.rest_s
+    least = 2 * limits.rest_s
     long = [_seconds(log, rows) >= least for log, rows in zip(logs, held, strict=True)]
     return [rows & enough for rows, enough in zip(held, long, strict=True)]
 
@@ -109,7 +108,7 @@ def _current(log: Log, servo: tuple[str, str]) -> np.ndarray | None:
     return None
 
 
-def _resting(log: Log, servo: tuple[str, str], settings: Limits) -> np.ndarray:
+def _resting(log: Log, servo: tuple[str, str], settings: Obstruction) -> np.ndarray:
     """Return in which rows a joint stands still with its torque on, (T,) bool."""
     found = []
     for part in log.episodes():
@@ -137,7 +136,7 @@ def _seconds(log: Log, rows: np.ndarray) -> float:
 
 
 def _finding(
-    logs: Sequence[Log], servo: tuple[str, str], held: Sequence[np.ndarray], settings: Limits
+    logs: Sequence[Log], servo: tuple[str, str], held: Sequence[np.ndarray], settings: Obstruction
 ) -> Finding:
     log, rows = max(zip(logs, held, strict=True), key=lambda pair: int(pair[1].sum()))
     row = int(np.flatnonzero(rows)[0])

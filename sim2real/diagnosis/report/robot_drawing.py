@@ -9,7 +9,7 @@ graphics library is needed. Where a model has meshes, their boxes stand for them
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -37,6 +37,9 @@ TINT_DIGITS = 3
 SPHERE, CAPSULE = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
 MIDDLE, LONG = np.zeros((1, 3)), np.array([0.0, 0.0, 1.0])  # of a sphere; a capsule's axis
 PLANES = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
+
+
+_Place = Callable[[np.ndarray], np.ndarray]  # where a projected point is in the picture
 
 
 class _Shape(NamedTuple):
@@ -139,19 +142,10 @@ def _fit(shapes: Sequence[_Shape], joints: Sequence[np.ndarray]) -> tuple[_Place
     """Return how points come into the picture, and the size of a metre there."""
     low = np.min([*(s.points.min(axis=0) - s.radius for s in shapes), *joints], axis=0)
     high = np.max([*(s.points.max(axis=0) + s.radius for s in shapes), *joints], axis=0)
-    room = np.array([WIDTH - 2 * LABEL, HEIGHT - 2 * MARGIN])
+    size, middle = np.array([WIDTH, HEIGHT]), (low + high) / 2
+    room = size - 2 * np.array([LABEL, MARGIN])
     scale = float((room / np.maximum(high - low, SMALLEST)).min())
-    return _Place((low + high) / 2, scale), scale
-
-
-class _Place:
-    """Where a projected point is in the picture."""
-
-    def __init__(self, middle: np.ndarray, scale: float) -> None:
-        self._middle, self._scale = middle, scale
-
-    def __call__(self, points: np.ndarray) -> np.ndarray:
-        return (points - self._middle) * self._scale + np.array([WIDTH / 2, HEIGHT / 2])
+    return lambda points: (points - middle) * scale + size / 2, scale
 
 
 def _draw(shape: _Shape, place: _Place, scale: float) -> Markup:

@@ -14,12 +14,6 @@ class NoiseFloor:
         0.02, "1", "largest distance from a whole number of counts", JUDGED
     )
     every_s: float = setting(0.1, "s", "interval between the moments examined", COST)
-    outlier_scatter: float = setting(
-        5.0,
-        "1",
-        "multiple of the median scatter beyond which moments are not repetitions",
-        DEVELOPED,
-    )
     slow_share: float = setting(0.3, "1", "fraction of the rows that count as slow", DEVELOPED)
 
 
@@ -93,7 +87,6 @@ class Regimes:
     """Kinds of moments."""
 
     rest_speed: float = setting(0.05, "rad/s", "speed below which a joint rests", JUDGED)
-    reversal_before_s: float = setting(0.05, "s", "duration of a reversal before the turn", JUDGED)
     reversal_after_s: float = setting(0.3, "s", "duration of a reversal after the turn", JUDGED)
     held_s: float = setting(0.5, "s", "duration after which a still command counts as held", JUDGED)
     smoothing_s: float = setting(0.06, "s", "duration over which speeds are averaged", JUDGED)

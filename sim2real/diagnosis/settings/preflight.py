@@ -72,11 +72,8 @@ class Preflight:
         "without them",
         JUDGED,
     )
-    worse_noises: float = setting(
-        3.0, "1", "minimum increase of this error, relative to the noise of the channel", JUDGED
-    )
     rows_min: int = setting(20, "1", "rows below which nothing is estimated", JUDGED)
-    sigmas: float = setting(4.0, "1", "standard errors that a delay or drift must exceed", JUDGED)
+    sigmas: float = setting(4.0, "1", "noises, or standard errors, that are no chance", JUDGED)
     reach_s: float = setting(0.25, "s", "largest delay looked for", JUDGED)
     ratio: tuple[float, float] = setting(
         (0.85, 1.18), "1", "ratios of two gains, or of speed and slope, that agree", JUDGED
@@ -148,11 +145,9 @@ class Obstruction:
         DEVELOPED,
     )
     still: float = setting(0.003, "rad", "largest motion of a joint that rests", DEVELOPED)
-    usual: float = setting(0.9, "1", "quantile that counts as usual in a joint at rest", DEVELOPED)
     current: float = setting(3.0, "1", "multiple of the usual current", DEVELOPED)
     error: float = setting(1.6, "1", "multiple of the usual error", DEVELOPED)
     margin_s: float = setting(0.5, "s", "time left out before and after", DEVELOPED)
-    rests_min: int = setting(50, "1", "rows at rest needed to define usual values", JUDGED)
 
 
 @dataclass(frozen=True)
@@ -162,7 +157,11 @@ class Hunting:
     counts: float = setting(8.0, "1", "minimum encoder counts of a swing", JUDGED)
     swing: float = setting(0.005, "rad or m", "minimum size of a swing", JUDGED)
     swings: int = setting(
-        8, "1", "minimum number of consecutive swings that are hunting", DEVELOPED
+        8,
+        "1",
+        "least number of swings during which the command turns at most a quarter, and other "
+        "joints' commands (a gait) half as often",
+        DEVELOPED,
     )
     even: float = setting(
         0.5,
@@ -177,17 +176,12 @@ class Hunting:
         "relative to the motion; smaller ones may be stick-slip",
         DEVELOPED,
     )
-    asked_turns: int = setting(
-        2, "1", "maximum number of reversals of the command during these swings", DEVELOPED
-    )
-    shaken_turns: int = setting(
-        4, "1", "the same for the other joints' commands: a gait shakes joints at rest", JUDGED
-    )
     faster_s: tuple[float, ...] = setting(
         (0.2, 0.08),
         "s",
         "lengths of moving averages that are subtracted to find faster oscillations",
         DEVELOPED,
     )
-    calm_s: float = setting(0.3, "s", "time without hunting after which a new hunt begins", JUDGED)
-    settle_s: float = setting(0.2, "s", "time left out after the last swing", JUDGED)
+    calm_s: float = setting(
+        0.3, "s", "time left out after the last swing, and then until a new hunt begins", JUDGED
+    )
