@@ -27,13 +27,13 @@ class Kind(NamedTuple):
 
 
 def regimes(
-    log: Log, model: mujoco.MjModel | None, joint: str, settings: Settings = DEFAULT
+    log: Log, model: mujoco.MjModel, joint: str, settings: Settings = DEFAULT
 ) -> Iterator[Kind]:
     """Yield the kinds of moments of one joint, each group a partition or a single kind.
 
     Args:
         log: what was measured and commanded.
-        model: says what load gravity makes; None leaves the load out.
+        model: says what load gravity makes.
         joint: a hinge or slide that was measured.
         settings: what parts the kinds.
     """
@@ -46,7 +46,7 @@ def regimes(
     yield Kind("position", "low position", q < low)
     yield Kind("position", "middle position", (q >= low) & (q <= high))
     yield Kind("position", "high position", q > high)
-    if model is not None and joint in [model.joint(i).name for i in range(model.njnt)]:
+    if joint in [model.joint(i).name for i in range(model.njnt)]:
         load = np.abs(gravity(log, model, joint, settings))
         if load.max() > TINY:
             names = ("no load", "some load", "high load")
@@ -66,10 +66,8 @@ def regimes(
     yield Kind("time", "last third of the time", share > THIRDS[1])
 
 
-def driver_of(log: Log, model: mujoco.MjModel | None, joint: str) -> str | None:
-    """Return the logged actuator that drives a joint: as the model says, else of its name."""
-    if model is None:
-        return joint if joint in log.actuators else None
+def driver_of(log: Log, model: mujoco.MjModel, joint: str) -> str | None:
+    """Return the logged actuator that drives a joint."""
     for i in range(model.nu):
         on_joint = model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
         if on_joint and model.joint(int(model.actuator_trnid[i, 0])).name == joint:
