@@ -58,20 +58,13 @@ def located(gap: Gap, spec: mujoco.MjSpec, after: tuple = ()) -> tuple[JointGap,
     return locate([gap], {"shoulder": 0.0, "elbow": 0.0}, [spec.compile()], after, rng=rng)
 
 
-def test_the_joint_with_the_friction_has_the_gap_more_than_its_part_at_some_moments() -> None:
-    """Dry friction in the elbow: nearly all of the gap there; kinds of moments are its parts."""
+def test_the_joint_with_the_friction_has_the_gap() -> None:
+    """Dry friction in the elbow: nearly all of the gap there, at no kind of moment above all."""
     gap, spec = gap_of(effects=((make("coulomb_friction", where="elbow"), [0.15]),))
     where = located(gap, spec)
     assert where[0].joint == "elbow"
     assert where[0].share > 0.9
-    kinds = {kind.name: kind.rows for kind in regimes(gap.log, spec.compile(), "elbow")}
-    square = (gap.simulated - gap.measured)[:, 1] ** 2
-    own = [regime for regime in where[0].regimes if regime.name in kinds]
-    for regime in own:
-        rows = kinds[regime.name]
-        assert regime.share == pytest.approx(square[rows].sum() / square.sum())
-        assert regime.share > rows.mean()
-    assert own
+    assert where[0].regimes == ()  # it is off as often as it moves
 
 
 @pytest.mark.parametrize("name", ["fast", "high position", "reversal", "last third of the time"])
@@ -84,7 +77,9 @@ def test_an_error_in_one_kind_of_moment_is_named(name: str) -> None:
     shifted = gap._replace(measured=gap.measured + wrong[:, None] * [1, 0])
     where = located(shifted, spec)
     assert where[0].joint == "shoulder"
-    assert name in {regime.name for regime in where[0].regimes}
+    (regime,) = [regime for regime in where[0].regimes if regime.name == name]
+    square = (shifted.simulated - shifted.measured)[:, 0] ** 2
+    assert regime.share == pytest.approx(square[kind.rows].sum() / square.sum())
 
 
 def test_a_gap_after_the_correction_stands_beside_the_one_before() -> None:
