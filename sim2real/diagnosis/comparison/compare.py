@@ -12,15 +12,12 @@ cannot follow cancels. Nothing is named that exchanging before and after makes a
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from envs.effects import EFFECTS, load_effects
 from envs.errors import did_you_mean
-from envs.plant import Fixed
 from hardware.log import Log, read_logs
-from sim2real.diagnosis.comparison.alike import friction, in_proportion
 from sim2real.diagnosis.comparison.answer import Change, Comparison, Fleet, Value, Verdict
 from sim2real.diagnosis.comparison.changes import (
     as_alike,
@@ -30,32 +27,16 @@ from sim2real.diagnosis.comparison.changes import (
 )
 from sim2real.diagnosis.comparison.confounders import SUPPLY, Found, confounders
 from sim2real.diagnosis.comparison.excused import excuse
-from sim2real.diagnosis.comparison.motions import Motions, aligned, pair
 from sim2real.diagnosis.comparison.pieces import Pieces, contrasts
-from sim2real.diagnosis.comparison.response import Response, Watch, errors, respond, watched
-from sim2real.diagnosis.comparison.shared import share
+from sim2real.diagnosis.comparison.prepared import Prepared, prepare
+from sim2real.diagnosis.comparison.response import Watch
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.report.text import format_place
 from sim2real.diagnosis.settings import DEFAULT, Settings
 from sim2real.runs.errors import Sim2RealError
 
 Logs = str | Path | Log | Iterable[str | Path | Log]
 UNITS_MIN = 3  # robots of a fleet: of two, nobody can say which one deviates
-
-
-class Prepared(NamedTuple):
-    """Logs, replayed: what every comparison of some of them starts from."""
-
-    data: Data
-    simulator: Simulator
-    partner: np.ndarray
-    windows: np.ndarray
-    motions: Motions
-    watch: Watch
-    response: Response  # of the first windows of each motion
-    error: np.ndarray  # (W, T, M) of all windows
-    friction: dict[int, float]  # of each joint, by the column of its change
 
 
 def compare(
@@ -166,28 +147,6 @@ def _told_apart(
     return {name: every[name] for name in names}
 
 
-def prepare(
-    logs: Sequence[Log],
-    model: str | Path | None,
-    known: Sequence[Fixed],
-    names: Sequence[str],
-    settings: Settings,
-) -> Prepared:
-    """Replay logs with what they share, and with each watched effect a little larger."""
-    motions = pair(logs, settings)
-    data, partner = aligned(Data.of(logs, model, settings), motions)
-    windows = np.flatnonzero(partner == np.arange(len(partner)))
-    watch = watched(data, known, names)
-    simulator = Simulator(data, watch.fixed)
-    if not known:
-        watch = share(simulator, watch, windows)
-    response = respond(simulator, watch, windows)
-    rubs = friction(data, watch, response)
-    response = in_proportion(data, watch, response)
-    error = errors(simulator, watch, np.arange(len(data.windows)))
-    return Prepared(data, simulator, partner, windows, motions, watch, response, error, rubs)
-
-
 def _compared(
     made: Prepared,
     before: Collection[int],
@@ -204,16 +163,10 @@ def _compared(
     confounded = confounders(data, columns, before, after, remounted, made.friction)
     known = [k for k, c in enumerate(columns) if c.option.name == SUPPLY and confounded.supply]
 
-    def contrast(error: np.ndarray) -> Pieces:
-        own = (made.partner, made.response, error, made.windows, made.motions, before, after)
-        return contrasts(data, *own)
-
-    later = np.array([i for i, w in enumerate(data.windows) if w.log in after], int)
     aside = [*confounded.excused, *known, *confounded.little]
-    first = contrast(made.error)
+    first = contrasts(made, made.error, before, after)
     ends = _ends(confounded, aside, settings.little)
-    own = (made.simulator, made.watch, made.response, made.error, later, aside, ends)
-    pieces, moved = excuse(first, *own, confounded.prior, contrast)
+    pieces, moved = excuse(first, made, (before, after), aside, ends, confounded.prior)
     numbers = _numbers(data, first, pieces, settings.alpha / tests)
     inputs = {
         "before": [str(data.logs[k].path or "a log") for k in before],
