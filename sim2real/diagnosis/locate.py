@@ -159,7 +159,7 @@ def _cells(
             parts = kinds.setdefault((group, name), [np.zeros(n, bool) for n in sizes])
             parts[number] = rows
         fresh = np.diff(log.episode, prepend=log.episode[0]) != 0
-        fresh |= np.diff(np.floor(log.time / settings.dataset.block_s), prepend=0) != 0
+        fresh |= np.diff(np.floor(log.time / settings.bootstrap.block_s), prepend=0) != 0
         blocks.append(count + np.cumsum(fresh))
         count = int(blocks[-1][-1]) + 1
     block, square = np.concatenate(blocks), errors**2

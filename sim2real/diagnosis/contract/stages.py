@@ -19,13 +19,12 @@ from sim2real.diagnosis.contract.rebuild import Variant, variants
 from sim2real.diagnosis.contract.rows import Rows
 from sim2real.diagnosis.contract.terms import ContractError
 from sim2real.diagnosis.contract.ways import Target
-from sim2real.diagnosis.data.pairs import TURN
+from sim2real.diagnosis.data.pairs import TWELVE_BITS
 from sim2real.diagnosis.settings import Contract
 
 Actor = Callable[[np.ndarray], np.ndarray]
 ANGULAR = ("joint_position", "joint_velocity", "gyro", "roll_pitch")
 NORMALIZED = "subtract the mean and divide by the standard deviation {}"
-TWELVE_BITS = TURN / 4096  # rad
 SAME_DIGITS, FEW_LEVELS, OFF_GRID = 9, 3, 0.01  # of commands that are rounded to counts
 LIMITED = "flag.limited"  # 1 in rows in which the robot's guard sent something else
 

@@ -124,12 +124,14 @@ class Data:
             seconds: length of a block, which may span several windows of an episode; None, and
                 what is shorter, is about a second of one window.
         """
-        if seconds is not None and seconds > self.settings.dataset.block_s:
+        if seconds is not None and seconds > self.settings.bootstrap.block_s:
             return self._spans(seconds)
         found, count = np.full(self.mask.shape, -1), 0
         for index, window in enumerate(self.windows):
             time = window.sample[:, 0] - window.sample[0, 0]
-            pieces = max(1, round(time[-1] / self.settings.dataset.block_s)) if len(time) > 1 else 1
+            pieces = (
+                max(1, round(time[-1] / self.settings.bootstrap.block_s)) if len(time) > 1 else 1
+            )
             own = np.minimum((time / max(time[-1], TINY) * pieces).astype(int), pieces - 1)
             found[index, : len(own)] = np.where(window.usable, count + own, -1)
             count += pieces
@@ -264,7 +266,7 @@ def _joints(
 
 def _refuse_short(logs: Sequence[Log], settings: Settings) -> None:
     """Raise Sim2RealError if logs are not in seconds, or too short for any interval."""
-    least = settings.dataset.block_s
+    least = settings.bootstrap.block_s
     for log in logs:
         refuse_clock(log, settings)
         refuse_sparse(log, settings)

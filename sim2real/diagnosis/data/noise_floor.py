@@ -112,7 +112,7 @@ def _repeats(logs: Sequence[Log], names: Sequence[str], settings: Settings) -> d
                 groups.setdefault((registers, key), []).append((number, when, q))
     squares, freedom = [], []
     for moments in groups.values():
-        values = np.array(_apart(moments, settings.dataset.block_s))  # (n, M)
+        values = np.array(_apart(moments, settings.bootstrap.block_s))  # (n, M)
         if len(values) > 1:
             squares.append(((values - values.mean(axis=0)) ** 2).sum(axis=0))
             freedom.append(len(values) - 1)
@@ -138,7 +138,7 @@ def _moments(
     ctrl = np.column_stack([part.column(f"ctrl.{name}") for name in part.actuators])
     on = [part.columns.get(f"torque.{name}", np.ones(len(part))) for name in part.actuators]
     ctrl = np.column_stack([ctrl, *on])
-    history, every, found = settings.dataset.block_s, settings.noise_floor.every_s, []
+    history, every, found = settings.bootstrap.block_s, settings.noise_floor.every_s, []
     count = round(2 * history / every)  # of commands that are compared: twice between moments
     for when in np.arange(np.ceil((part.time[0] + history) / every) * every, part.time[-1], every):
         ticks = np.linspace(when - history, when, count)

@@ -50,7 +50,7 @@ def grounded(data: Data, estimates: Sequence[Estimate], fixed: Sequence[Fixed] =
     cut = plain.with_windows(windows)
     error, ways = _responses(cut, doubts, fixed)
     left = clear_starts(error, ways, settings.error_rad)
-    if np.sqrt(cut.mean_squares(left).mean()) < settings.trusted_rad:
+    if np.sqrt(cut.mean_squares(left).mean()) < 2 * settings.error_rad:  # it may be trusted
         cut = _refined(cut, doubts, error, ways, fixed)
     return replace(cut, starts=ways).only(np.flatnonzero(~is_pushed(cut, left)))
 

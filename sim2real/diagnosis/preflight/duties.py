@@ -15,12 +15,11 @@ import numpy as np
 
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
-from sim2real.diagnosis.data.pairs import TURN, Pairs, index_of
+from sim2real.diagnosis.data.pairs import TWELVE_BITS, Pairs, index_of
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, Settings
 
-# Dynamixel X e-manual: operating mode, register at full duty, counts a turn
-CURRENT_BASED, FULL_PWM, TURN_COUNTS = 5, 885.0, 4096
+CURRENT_BASED, FULL_PWM = 5, 885.0  # Dynamixel X e-manual: operating mode, PWM at full duty
 
 
 class DutyLaw(NamedTuple):
@@ -56,7 +55,7 @@ def _finding(name: str, log: Log, law: DutyLaw, slope: float, ratios: list[float
     )
     gain = log.settings.get(name, {}).get("position_p_gain")
     if gain:
-        divisor = gain * TURN_COUNTS / TURN / FULL_PWM / law.command
+        divisor = gain / TWELVE_BITS / FULL_PWM / law.command
         text += f" A P gain register of {gain:g} then means a divisor of about {divisor:.0f}."
     fix = f"Multiply the model's kp by {ratio:.2f} (effect position_gain)."
     return Finding("control_law", name, text, fix)

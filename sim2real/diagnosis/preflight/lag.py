@@ -92,7 +92,7 @@ def _starts(log: Log, number: int, settings: Settings) -> list[Piece]:
     for own in episode_rows(log):
         time = log.time[own] - log.time[own.start]
         rows = int(np.searchsorted(time, limits.episode_s - ROUNDING))
-        if time[rows - 1] > 2 * limits.windows_min * limits.window_s:
+        if time[rows - 1] > 2 * limits.windows_min * settings.windows.longest_s:
             found.append(piece(log, number, own.start, own.start + rows))
     return found
 
@@ -106,7 +106,8 @@ def _windows(joint: str, log: Log, simulated: np.ndarray, settings: Settings) ->
         for q in (log.column(f"qpos.{joint}"), simulated)
     )
     hunts = np.interp(clock, log.time, hunting_rows(log).astype(float)) > 0
-    width, reach = max(round(limits.window_s / dt), 1), round(settings.preflight.reach_s / dt)
+    seconds, reach = settings.windows.longest_s, round(settings.preflight.reach_s / dt)
+    width = max(round(seconds / dt), 1)
     found = []
     for first in range(reach, len(clock) - width - reach, width):
         here = real[first : first + width]
@@ -121,7 +122,7 @@ def _windows(joint: str, log: Log, simulated: np.ndarray, settings: Settings) ->
         best = int(np.argmax(scores))
         if scores[best] > limits.alike and 0 < best < 2 * reach:
             shift = best - reach + _vertex(*scores[best - 1 : best + 2])
-            middle = clock[first] + limits.window_s / 2
+            middle = clock[first] + seconds / 2
             found.append(Lag(joint, float(middle), float(shift * dt)))
     return found
 

@@ -18,8 +18,8 @@ from sim2real.diagnosis.settings.closed_loop import ClosedLoopSettings as Closed
 from sim2real.diagnosis.settings.comparison import Compared as Compared
 from sim2real.diagnosis.settings.contract import Contract as Contract
 from sim2real.diagnosis.settings.data import Bootstrap as Bootstrap
-from sim2real.diagnosis.settings.data import Dataset as Dataset
 from sim2real.diagnosis.settings.data import NoiseFloor as NoiseFloor
+from sim2real.diagnosis.settings.data import Numerics as Numerics
 from sim2real.diagnosis.settings.data import Regimes as Regimes
 from sim2real.diagnosis.settings.data import Simulation as Simulation
 from sim2real.diagnosis.settings.data import Windows as Windows
@@ -28,7 +28,6 @@ from sim2real.diagnosis.settings.ground import Ground as Ground
 from sim2real.diagnosis.settings.inference import Cogging as Cogging
 from sim2real.diagnosis.settings.inference import Inference as Inference
 from sim2real.diagnosis.settings.inference import Locating as Locating
-from sim2real.diagnosis.settings.numerics import Numerics as Numerics
 from sim2real.diagnosis.settings.preflight import Hunting as Hunting
 from sim2real.diagnosis.settings.preflight import Lag as Lag
 from sim2real.diagnosis.settings.preflight import Obstruction as Obstruction
@@ -45,7 +44,6 @@ class Settings:
     windows: Windows = field(default_factory=Windows)
     ground: Ground = field(default_factory=Ground)
     simulation: Simulation = field(default_factory=Simulation)
-    dataset: Dataset = field(default_factory=Dataset)
     regimes: Regimes = field(default_factory=Regimes)
     bootstrap: Bootstrap = field(default_factory=Bootstrap)
     preflight: Preflight = field(default_factory=Preflight)

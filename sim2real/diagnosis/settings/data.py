@@ -71,18 +71,6 @@ class Simulation:
 
 
 @dataclass(frozen=True)
-class Dataset:
-    """Blocks."""
-
-    block_s: float = setting(
-        1.0,
-        "s",
-        "distance at which moments and errors are independent; minimum duration of the recordings",
-        DEVELOPED,
-    )
-
-
-@dataclass(frozen=True)
 class Regimes:
     """Kinds of moments."""
 
@@ -105,6 +93,12 @@ class Regimes:
 class Bootstrap:
     """The block bootstrap of all intervals."""
 
+    block_s: float = setting(
+        1.0,
+        "s",
+        "distance at which moments and errors are independent; minimum duration of the recordings",
+        DEVELOPED,
+    )
     draws: int = setting(400, "1", "resamples", COST)
     bin_s: float = setting(0.25, "s", "bin width of the residual's autocorrelation", COST)
     blocks_min: int = setting(
@@ -113,3 +107,12 @@ class Bootstrap:
         "minimum number of blocks of a recording, whatever the correlation time of its residual",
         "derived: what shows in a tenth of them is drawn again in 19 of 20 resamples",
     )
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """When a gap or a cause is the simulator's own doing."""
+
+    change: float = setting(0.1, "1", "relative change of the gap that counts", DEVELOPED)
+    change_min: float = setting(0.005, "1", "minimum such change, over the motion", DEVELOPED)
+    gain_left: float = setting(0.25, "1", "minimum remaining gain of a physical effect", DEVELOPED)

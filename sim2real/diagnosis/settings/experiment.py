@@ -13,12 +13,6 @@ class Experiment:
     motion_s: float = setting(8.0, "s", "length of a motion", JUDGED)
     size: float = setting(0.6, "1", "fraction of the distance to the limits", JUDGED)
     size_min: float = setting(0.2, "1", "smallest fraction that is drawn", JUDGED)
-    count: float = setting(
-        2 * math.pi / 4096,
-        "rad",
-        "encoder count if no noise floor is known",
-        "derived: 12 bits a turn",
-    )
     apart_min: float = setting(3.0, "1", "noise floors that separate explanations", JUDGED)
     fall_s: float = setting(2.0, "s", "time without torque in which a robot may fall", JUDGED)
     fallen: float = setting(0.5, "rad", "motion above which it has fallen", JUDGED)

@@ -76,9 +76,6 @@ class Ground:
         "none is a push",
         JUDGED,
     )
-    trusted_rad: float = setting(
-        0.004, "rad", "error of a model up to which it may correct starts", GAIT
-    )
     step_max: float = setting(3.0, "1", "largest correction of a start, in deviations", JUDGED)
     grips: tuple[float, float] = setting(
         (0.7, 1.5),

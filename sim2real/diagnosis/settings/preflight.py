@@ -125,7 +125,6 @@ class Preflight:
 class Lag:
     """When the robot's lag jumps within a log."""
 
-    window_s: float = setting(3.0, "s", "length of a window", JUDGED)
     alike: float = setting(0.7, "1", "correlation needed to estimate a lag", JUDGED)
     windows_min: int = setting(3, "1", "windows needed on either side of a jump", JUDGED)
     jump_s: float = setting(
