@@ -22,7 +22,7 @@ from sim2real.diagnosis.inference.conclusion import Conclusion
 from sim2real.diagnosis.numerics import NullTest, is_numerics
 from sim2real.diagnosis.outcome import Diagnosis, blocking_findings, intervals_of
 from sim2real.diagnosis.preflight.torques import measured_torques
-from sim2real.diagnosis.prepare import PreparedLogs, model_of
+from sim2real.diagnosis.prepare import PreparedLogs
 from sim2real.diagnosis.report.traces import signals, traces
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import Settings
@@ -70,7 +70,7 @@ def pictured(found: Diagnosis, made: Conclusion, data: Data, floors: np.ndarray)
         data: the windows.
         floors: noise floor of each joint [rad or m], (M,).
     """
-    models = [data.models[model_of(data, number)] for number in range(len(data.logs))]
+    models = [data.models[index] for index in data.which]
     pictures = traces(data, made.errors, floors)
     evidence = replace(found.report.evidence, traces=pictures, signals=signals(data.logs, models))
     return found._replace(report=replace(found.report, evidence=evidence))
@@ -78,7 +78,8 @@ def pictured(found: Diagnosis, made: Conclusion, data: Data, floors: np.ndarray)
 
 def witnessed(found: Diagnosis, data: Data) -> Diagnosis:
     """Add how far the channels that nothing was fitted to are off, and which speak against it."""
-    pairs = [(log, data.models[model_of(data, k)]) for k, log in enumerate(data.logs)]
+    models = [data.models[index] for index in data.which]
+    pairs = list(zip(data.logs, models, strict=True))
     torque = measured_torques(pairs, data.settings.preflight)
     every = merge_effects(found.known, found.found) if found.found else found.known
     gaps = channel_gaps(data, found.known, every, torque)
@@ -118,7 +119,7 @@ def planned(found: Diagnosis, data: Data, seed: int) -> Diagnosis:
     """Add what to record to separate effects that explain the logs alike, where some do."""
     if not found.equivalents:
         return found
-    logs = [log for number, log in enumerate(data.logs) if model_of(data, number) == 0]
+    logs = [log for log, index in zip(data.logs, data.which, strict=True) if index == 0]
     rng = np.random.default_rng(seed)
     try:
         plan = design(found, logs, data.specs[0], rng=rng, settings=data.settings)

@@ -81,8 +81,7 @@ def _twin(data: Data, window: Window, number: int, same: np.ndarray) -> Window |
     log = data.logs[number]
     if window.last > len(log) or len(set(log.episode[window.start : window.last])) > 1:
         return None
-    which = next(w.model for w in data.windows if w.log == number)
-    rows = window.start, window.first, window.last
+    which, rows = data.which[number], (window.start, window.first, window.last)
     model, settings = data.models[which], data.settings.windows
     made = cut_one(log, number, which, model, data.joints, rows, settings)
     usable = made.usable & window.usable & same[window.first : window.last]

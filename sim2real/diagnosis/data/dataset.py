@@ -106,6 +106,12 @@ class Data:
         """What errors are divided by, (M,)."""
         return np.array([joint.scale for joint in self.joints])
 
+    @property
+    def which(self) -> list[int]:
+        """The number of each log's model."""
+        own = {window.log: window.model for window in self.windows}
+        return [own.get(number, 0) for number in range(len(self.logs))]
+
     def floors(self) -> np.ndarray:
         """Return the noise floor of each joint [rad or m], (M,)."""
         found = noise_floor(self.logs, self.settings)

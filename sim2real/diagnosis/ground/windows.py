@@ -38,13 +38,12 @@ def grounded(data: Data, estimates: Sequence[Estimate], fixed: Sequence[Fixed] =
     """
     settings = data.settings.ground
     joints = _joints(data, estimates, settings)
-    which = [next(w.model for w in data.windows if w.log == n) for n in range(len(data.logs))]
     plain = replace(data, joints=tuple(joints))
     windows, doubts = [], []
     for number, estimate in enumerate(estimates):
-        model = data.models[which[number]]
+        model = data.models[data.which[number]]
         for rows in rows_of(estimate, settings):
-            window = _window(plain, number, which[number], estimate, rows)
+            window = _window(plain, number, estimate, rows)
             windows.append(window)
             doubts.append(unknowns(estimate, model, rows[0], settings))
     cut = plain.with_windows(windows)
@@ -77,11 +76,9 @@ def _is_felt(estimates: Sequence[Estimate]) -> bool:
     return all(estimate.felt for estimate in estimates)
 
 
-def _window(
-    data: Data, number: int, which: int, estimate: Estimate, rows: tuple[int, int, int]
-) -> Window:
+def _window(data: Data, number: int, estimate: Estimate, rows: tuple[int, int, int]) -> Window:
     """Return a window with the estimated state at its start, its heading 0."""
-    base, (start, first, last) = estimate.base, rows
+    base, (start, first, last), which = estimate.base, rows, data.which[number]
     measured = [joint for joint in data.joints if f"qpos.{joint.name}" in data.logs[number].columns]
     window = cut_one(data.logs[number], number, which, data.models[which], measured, rows)
     qpos, qvel = estimate.qpos[start].copy(), estimate.qvel[start].copy()
