@@ -160,7 +160,7 @@ def _compared(
     """Compare two sides; `tests` of them share the probability of a false alarm."""
     data, columns = made.data, made.response.columns
     settings = data.settings.compared
-    confounded = confounders(data, columns, before, after, remounted, made.friction)
+    confounded = confounders(made, before, after, remounted)
     known = [k for k, c in enumerate(columns) if c.option.name == SUPPLY and confounded.supply]
 
     aside = [*confounded.excused, *known, *confounded.little]

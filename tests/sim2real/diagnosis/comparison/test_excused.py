@@ -33,7 +33,7 @@ def excused(model: str, rounds: int) -> tuple[Pieces, Excused, Prepared]:
     made = prepare(logs, model, [], WATCH, settings)
 
     first = contrasts(made, made.error, BEFORE, AFTER)
-    beside = confounders(made.data, made.response.columns, BEFORE, AFTER, True, made.friction)
+    beside = confounders(made, BEFORE, AFTER, True)
     ends = np.tile([[-np.inf], [np.inf]], len(beside.excused))
     left = excuse(first, made, (BEFORE, AFTER), beside.excused, ends, beside.prior)
     return first, left, made
@@ -73,7 +73,7 @@ def test_what_may_be_a_kelvins_is_no_change(model, warm: float, kelvins: float) 
     names = ("coulomb_friction", "viscous_friction", "motor_strength", "encoder_offset")
     made = prepare(logs, model, [], names, DEFAULT)
     columns = made.response.columns
-    least = confounders(made.data, columns, BEFORE, AFTER, True, made.friction).least
+    least = confounders(made, BEFORE, AFTER, True).least
     joints = [j.name for j in made.data.joints]
     own = dict.fromkeys(joints, 0.0)
     for k, size in made.friction.items():
