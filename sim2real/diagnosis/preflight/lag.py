@@ -88,25 +88,25 @@ def lags(
 
 def _starts(log: Log, number: int, settings: Settings) -> list[Piece]:
     """The first minute of each episode that is long enough."""
-    found, limits = [], settings.lag
+    found, limits = [], settings.preflight
     for own in episode_rows(log):
         time = log.time[own] - log.time[own.start]
-        rows = int(np.searchsorted(time, limits.episode_s - ROUNDING))
-        if time[rows - 1] > 2 * limits.windows_min * settings.windows.longest_s:
+        rows = int(np.searchsorted(time, limits.lag_episode_s - ROUNDING))
+        if time[rows - 1] > 2 * limits.lag_windows * settings.windows.longest_s:
             found.append(piece(log, number, own.start, own.start + rows))
     return found
 
 
 def _windows(joint: str, log: Log, simulated: np.ndarray, settings: Settings) -> list[Lag]:
     """The lags of one joint, where it moves and both motions are alike."""
-    dt, limits = float(np.median(np.diff(log.time))), settings.lag
+    dt, limits = float(np.median(np.diff(log.time))), settings.preflight
     clock = np.arange(log.time[0], log.time[-1], dt)
     real, model = (
         np.gradient(np.interp(clock, log.time, q), dt)
         for q in (log.column(f"qpos.{joint}"), simulated)
     )
     hunts = np.interp(clock, log.time, hunting_rows(log).astype(float)) > 0
-    seconds, reach = settings.windows.longest_s, round(settings.preflight.reach_s / dt)
+    seconds, reach = settings.windows.longest_s, round(limits.reach_s / dt)
     width = max(round(seconds / dt), 1)
     found = []
     for first in range(reach, len(clock) - width - reach, width):
@@ -120,7 +120,7 @@ def _windows(joint: str, log: Log, simulated: np.ndarray, settings: Settings) ->
         size = np.sqrt((here @ here) * np.square(others).sum(axis=1))
         scores = others @ here / np.maximum(size, TINY_SQUARE)
         best = int(np.argmax(scores))
-        if scores[best] > limits.alike and 0 < best < 2 * reach:
+        if scores[best] > limits.lag_alike and 0 < best < 2 * reach:
             shift = best - reach + _vertex(*scores[best - 1 : best + 2])
             middle = clock[first] + seconds / 2
             found.append(Lag(joint, float(middle), float(shift * dt)))
@@ -140,14 +140,14 @@ def _jump(windows: Sequence[Lag], settings: Settings) -> tuple[float, float, flo
     contradict that: a lag that only depends on the motion overlaps.
     """
     times = sorted({w.time for w in windows})
-    best, answer = settings.lag.jump_s, None
+    best, answer = settings.preflight.lag_jump_s, None
     for cut in ((a + b) / 2 for a, b in pairwise(times)):
         jumps, sides = [], ([], [])
         for joint in dict.fromkeys(w.joint for w in windows):
             own = [w for w in windows if w.joint == joint]
             before = np.array([w.lag for w in own if w.time < cut])
             after = np.array([w.lag for w in own if w.time > cut])
-            if min(len(before), len(after)) < settings.lag.windows_min:
+            if min(len(before), len(after)) < settings.preflight.lag_windows:
                 continue
             up, down = after.min() - before.max(), before.min() - after.max()
             jumps.append(up if up > 0 else -down if down > 0 else 0.0)

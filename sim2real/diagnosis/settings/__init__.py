@@ -29,7 +29,6 @@ from sim2real.diagnosis.settings.inference import Cogging as Cogging
 from sim2real.diagnosis.settings.inference import Inference as Inference
 from sim2real.diagnosis.settings.inference import Locating as Locating
 from sim2real.diagnosis.settings.preflight import Hunting as Hunting
-from sim2real.diagnosis.settings.preflight import Lag as Lag
 from sim2real.diagnosis.settings.preflight import Obstruction as Obstruction
 from sim2real.diagnosis.settings.preflight import Preflight as Preflight
 
@@ -47,7 +46,6 @@ class Settings:
     regimes: Regimes = field(default_factory=Regimes)
     bootstrap: Bootstrap = field(default_factory=Bootstrap)
     preflight: Preflight = field(default_factory=Preflight)
-    lag: Lag = field(default_factory=Lag)
     contract: Contract = field(default_factory=Contract)
     numerics: Numerics = field(default_factory=Numerics)
     cogging: Cogging = field(default_factory=Cogging)

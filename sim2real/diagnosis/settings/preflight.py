@@ -119,18 +119,12 @@ class Preflight:
         DEVELOPED,
     )
     brief_s: float = setting(0.3, "s", "length of a piece replayed with other commands", COST)
-
-
-@dataclass(frozen=True)
-class Lag:
-    """When the robot's lag jumps within a log."""
-
-    alike: float = setting(0.7, "1", "correlation needed to estimate a lag", JUDGED)
-    windows_min: int = setting(3, "1", "windows needed on either side of a jump", JUDGED)
-    jump_s: float = setting(
+    lag_alike: float = setting(0.7, "1", "correlation needed to estimate a lag", JUDGED)
+    lag_windows: int = setting(3, "1", "windows needed on either side of a jump of it", JUDGED)
+    lag_jump_s: float = setting(
         0.008, "s", "minimum distance between the lags on both sides", DEVELOPED
     )
-    episode_s: float = setting(60.0, "s", "part of each episode that is examined", COST)
+    lag_episode_s: float = setting(60.0, "s", "part of each episode examined for a lag", COST)
 
 
 @dataclass(frozen=True)
