@@ -11,11 +11,10 @@ another channel further off is doubtful. Compared are
   it best (the motor's constant is not known); a torque that was computed is left out;
 * `gyro.<site>.x` to `.z` and `accelerometer.<site>.x` to `.z`: MuJoCo's sensors at that site.
 
-Noise is what a cubic through neighbouring rows leaves, the median of it.
+Noise is that of one reading (`noise_floor`).
 """
 
 from collections.abc import Iterator, Sequence
-from math import comb
 
 import mujoco
 import numpy as np
@@ -23,6 +22,7 @@ import numpy as np
 from envs.plant import Fixed, Plant
 from envs.replay import Schedule, schedule, simulate
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.noise_floor import reading_noise
 from sim2real.diagnosis.data.pairs import SCALAR
 from sim2real.diagnosis.data.simulate import actuated
 from sim2real.diagnosis.data.thermal import torques
@@ -30,8 +30,6 @@ from sim2real.diagnosis.data.windows import Window
 from sim2real.diagnosis.evidence import ChannelGap
 from sim2real.diagnosis.settings import DEFAULT, TINY, Preflight
 
-ORDER = 4  # of the differences that a cubic leaves
-NORMAL = 1.4826  # of a median of absolute values to a standard deviation, of a normal law
 AXES = ("x", "y", "z")
 SENSORS = {
     "gyro": mujoco.mjtSensor.mjSENS_GYRO,
@@ -57,8 +55,9 @@ def channel_gaps(
         return ()
     before = _residuals(data, known, torque)
     after = _residuals(data, found, torque) if found is not known else before
+    noise = {column: reading_noise(data.logs, column, data.settings) for column in before}
     return tuple(
-        ChannelGap(column, _unit(column), _noise(data, column), before[column], after[column])
+        ChannelGap(column, _unit(column), noise[column], before[column], after[column])
         for column in before
     )
 
@@ -81,19 +80,6 @@ def contradicting(
 
 def _unit(column: str) -> str:
     return UNITS.get(column.partition(".")[0], "N·m")
-
-
-def _noise(data: Data, column: str) -> float:
-    """Return the noise of a column: what a cubic through neighbouring rows leaves."""
-    parts = [
-        np.diff(part.column(column), ORDER)
-        for log in data.logs
-        if column in log.columns
-        for part in log.episodes()
-        if len(part) > ORDER
-    ]
-    rest = np.abs(np.concatenate(parts)) if parts else np.zeros(1)
-    return float(NORMAL * np.median(rest) / np.sqrt(comb(2 * ORDER, ORDER)))
 
 
 def _residuals(data: Data, fixed: Sequence[Fixed], torque: dict[str, str]) -> dict[str, float]:
