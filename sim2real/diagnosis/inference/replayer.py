@@ -23,7 +23,7 @@ from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.noise_floor import reading_noise
 from sim2real.diagnosis.data.simulate import BATCH, Simulator
-from sim2real.diagnosis.data.starts import faster, further, start_errors
+from sim2real.diagnosis.data.starts import faster, further, speeds_at, start_errors
 from sim2real.diagnosis.data.windows import Window, cut_one
 from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.inference.batches import Rows, simulate_each
@@ -285,8 +285,8 @@ class Replayer:
         for number, window in enumerate(data.windows):
             model, own = data.models[window.model], window.recording
             places = [joint.qpos for joint in data.joints]
-            dofs = [int(model.jnt_dofadr[model.jnt_qposadr == place][0]) for place in places]
-            path = own.qpos[places] + speed * self.times[number][:, None] * own.qvel[dofs]
+            moved = self.times[number][:, None] * speeds_at(data, model, own.qvel)
+            path = own.qpos[places] + speed * moved
             found[number] = (path - measured[number]) / data.scale
         return np.where(self.used[..., None], found, 0.0)
 

@@ -8,11 +8,13 @@ import pytest
 
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.diagnose import diagnose
 from sim2real.diagnosis.ground.estimate import Estimate
 from sim2real.diagnosis.ground.logs import estimate_all
 from sim2real.diagnosis.ground.pushes import check_pushes
 from sim2real.diagnosis.ground.starts import clear_starts
 from sim2real.diagnosis.ground.windows import grounded
+from sim2real.diagnosis.inference.replayer import Replayer
 from sim2real.diagnosis.locate import as_gaps
 from sim2real.diagnosis.settings import DEFAULT
 from sim2real.runs.errors import Sim2RealError
@@ -103,3 +105,20 @@ def test_the_gap_of_a_turn_lies_where_its_windows_say(cut: Cut) -> None:
     (gap,) = as_gaps(data, error)
     off = np.sqrt(np.mean((gap.simulated - gap.measured) ** 2, axis=0))
     assert np.allclose(off, data.scale * np.sqrt(data.mean_squares(error)))
+
+
+def test_a_turn_stays_where_joints_keep_their_speed(cut: Cut) -> None:
+    """A quaternion's parts have no speed of their own; joints move on."""
+    _, data, _ = cut
+    replayer = Replayer(data)
+    stays, moves = replayer.holding(), replayer.coasting()
+    assert np.array_equal(stays[..., 8:], moves[..., 8:])
+    assert not np.allclose(stays[..., :8], moves[..., :8])
+
+
+@pytest.mark.slow
+def test_a_walk_of_the_model_itself_has_no_gap() -> None:
+    """From estimated starts to the verdict."""
+    report = diagnose(without(trot().log, "accelerometer"))
+    assert report.verdict == "no_gap"
+    assert "base" in {finding.check for finding in report.preflight}
