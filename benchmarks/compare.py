@@ -159,8 +159,8 @@ def is_named(answer: Comparison, pair: Pair) -> bool:
     if not answer.changes:
         return False
     first = answer.changes[0]
-    names = [(first.effect, first.where), *first.alike]
-    return (EFFECTS[pair.kind], pair.joint) in [tuple(name) for name in names]
+    names = [(one.effect, one.where) for one in (first, *first.alike)]
+    return (EFFECTS[pair.kind], pair.joint) in names
 
 
 def keep(own: Sequence[Row], given: argparse.Namespace) -> None:

@@ -169,14 +169,16 @@ def read_log(path: str | Path) -> Log:
     return Log(columns, {**meta, **({READING: notes} if notes else {})}, path)
 
 
-def read_logs(source: str | Path | Iterable[str | Path]) -> list[Log]:
+def read_logs(source: str | Path | Log | Iterable[str | Path | Log]) -> list[Log]:
     """Read a file, all logs of a folder (sorted by name), a LeRobot data set, or a list of these.
 
-    A folder may contain logs of any format.
+    A folder may contain logs of any format; a log in memory is itself.
 
     Raises:
         LogError: there are no logs, or a file violates a rule of `read_log`.
     """
+    if isinstance(source, Log):
+        return [source]
     if not isinstance(source, str | Path):
         logs = [log for part in source for log in read_logs(part)]
         if not logs:

@@ -22,7 +22,7 @@ from sim2real.diagnosis.inference.conclusion import Conclusion
 from sim2real.diagnosis.numerics import NullTest, is_numerics
 from sim2real.diagnosis.outcome import Diagnosis, blocking_findings, intervals_of
 from sim2real.diagnosis.preflight.torques import measured_torques
-from sim2real.diagnosis.prepare import PreparedLogs, model_of
+from sim2real.diagnosis.prepare import PreparedLogs
 from sim2real.diagnosis.report.traces import signals, traces
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import Settings
@@ -49,9 +49,7 @@ def tested(
     """Say which causes are the simulator's numerics; these are left out of the files."""
     words, physical = dict(found.report.numerics), []
     for number, (cause, effect) in enumerate(zip(found.found, found.report.effects, strict=True)):
-        artefact = is_numerics(
-            prepared.logs, prepared.specs, [cause], null, found.known, settings.numerics
-        )
+        artefact = is_numerics(prepared.logs, prepared.specs, [cause], null, found.known, settings)
         if artefact is None:
             physical.append(number)
         else:
@@ -72,7 +70,7 @@ def pictured(found: Diagnosis, made: Conclusion, data: Data, floors: np.ndarray)
         data: the windows.
         floors: noise floor of each joint [rad or m], (M,).
     """
-    models = [data.models[model_of(data, number)] for number in range(len(data.logs))]
+    models = [data.models[index] for index in data.which]
     pictures = traces(data, made.errors, floors)
     evidence = replace(found.report.evidence, traces=pictures, signals=signals(data.logs, models))
     return found._replace(report=replace(found.report, evidence=evidence))
@@ -80,11 +78,12 @@ def pictured(found: Diagnosis, made: Conclusion, data: Data, floors: np.ndarray)
 
 def witnessed(found: Diagnosis, data: Data) -> Diagnosis:
     """Add how far the channels that nothing was fitted to are off, and which speak against it."""
-    pairs = [(log, data.models[model_of(data, k)]) for k, log in enumerate(data.logs)]
-    torque = measured_torques(pairs, data.settings.servo)
+    models = [data.models[index] for index in data.which]
+    pairs = list(zip(data.logs, models, strict=True))
+    torque = measured_torques(pairs, data.settings.preflight)
     every = merge_effects(found.known, found.found) if found.found else found.known
     gaps = channel_gaps(data, found.known, every, torque)
-    against = [Finding(*words) for words in contradicting(gaps, data.settings.channels)]
+    against = [Finding(*words) for words in contradicting(gaps, data.settings.preflight)]
     report, evidence = found.report, replace(found.report.evidence, channels=gaps)
     report = replace(report, preflight=(*report.preflight, *against), evidence=evidence)
     return found._replace(report=report)
@@ -120,10 +119,10 @@ def planned(found: Diagnosis, data: Data, seed: int) -> Diagnosis:
     """Add what to record to separate effects that explain the logs alike, where some do."""
     if not found.equivalents:
         return found
-    logs = [log for number, log in enumerate(data.logs) if model_of(data, number) == 0]
-    rng, limits = np.random.default_rng(seed), data.settings.experiment
+    logs = [log for log, index in zip(data.logs, data.which, strict=True) if index == 0]
+    rng = np.random.default_rng(seed)
     try:
-        plan = design(found, logs, data.specs[0], rng=rng, settings=limits)
+        plan = design(found, logs, data.specs[0], rng=rng, settings=data.settings)
     except Sim2RealError as error:
         log_.info("no next experiment: %s", error)
         return found

@@ -15,8 +15,7 @@ from hardware.log import Log
 from sim2real.diagnosis.data.trial import choose
 from sim2real.diagnosis.experiments.next_experiment import Experiment, next_experiment
 from sim2real.diagnosis.outcome import Diagnosis
-from sim2real.diagnosis.settings import DEFAULT
-from sim2real.diagnosis.settings import Experiment as Limits
+from sim2real.diagnosis.settings import DEFAULT, Settings
 
 
 def design(
@@ -26,7 +25,7 @@ def design(
     *,
     rng: np.random.Generator,
     robot: Robot | None = None,
-    settings: Limits = DEFAULT.experiment,
+    settings: Settings = DEFAULT,
     **options: Any,
 ) -> Experiment:
     """Return what to record next; the liveliest pieces of the logs hold the refits in place.
@@ -44,7 +43,7 @@ def design(
         Sim2RealError: see `next_experiment`.
     """
     model: mujoco.MjModel = spec.copy().compile()
-    pieces = choose(logs, settings.past_s, settings.past_most)
+    pieces = choose(logs, settings.simulation.piece_s, settings.simulation.pieces)
     return next_experiment(
         found.equivalents,
         spec,
@@ -53,7 +52,7 @@ def design(
         robot=robot or _named(logs[0]),
         fixed=found.known,
         past=[piece.recording(model) for piece in pieces],
-        settings=settings,
+        settings=settings.experiment,
         **options,
     )
 

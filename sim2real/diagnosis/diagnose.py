@@ -98,18 +98,8 @@ def diagnose(
         LogError: a log is damaged, or names something that the model lacks.
         EffectError: the effects file is wrong, or the robot cannot have an effect.
     """
-    return run_diagnosis(
-        _read(logs),
-        model,
-        effects,
-        exclude,
-        seed,
-        progress,
-        settings,
-        load_policy=load_policy,
-        load_player=load_player,
-        actor=actor,
-    ).report
+    found, given = read_logs(logs), (model, effects, exclude, seed, progress, settings)
+    return run_diagnosis(found, *given, None, load_policy, load_player, actor).report
 
 
 def run_diagnosis(
@@ -146,7 +136,7 @@ def run_diagnosis(
     made, data, floors = found.made, found.data, found.baseline.floors
     if prepared.restart is not None:
         findings += check_grip(found.judgement.judge.replayer, found.baseline.floor)
-    null = null_test(prepared.logs, prepared.specs, fixed, settings.numerics)
+    null = null_test(prepared.logs, prepared.specs, fixed, settings)
     on_progress("telling what was found", TELLING)
     inputs = _inputs(data, found.judgement.judge.fold, model, seed, exclude)
     inputs["physics steps"] = dict(about.work.steps.most_common())
@@ -204,17 +194,6 @@ def _outcome(report: Report, found: Causes, fixed: Sequence[Fixed]) -> Diagnosis
         tuple(Member(*one) for one in made.alike),
         {joint.name: float(f) for joint, f in zip(data.joints, floors, strict=True)},
     )
-
-
-def _read(logs: str | Path | Log | Iterable[str | Path | Log]) -> list[Log]:
-    if isinstance(logs, str | Path):
-        return read_logs(logs)
-    if isinstance(logs, Log):
-        return [logs]
-    found: list[Log] = []
-    for one in logs:
-        found += [one] if isinstance(one, Log) else read_logs(one)
-    return found or read_logs([])
 
 
 def _sha256(path: Path) -> str:

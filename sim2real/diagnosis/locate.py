@@ -1,20 +1,20 @@
 """Where the gap lies: which joint, and at which kind of moment.
 
-    table = locate(gaps, noise_floor(logs), models, rng=np.random.default_rng(0))
-    table.where                     # for the report: joints, the largest share first
-    table.cells                     # every kind of moment of every joint, for pictures
-    bands(gaps, floor)              # the same by frequency
+    where = locate(gaps, noise_floor(logs), models, rng=np.random.default_rng(0))
+    where[0].joint, where[0].regimes            # joints, the largest share first
+    bands(gaps, floor)                          # the same by frequency
 
 A share is a part of a joint's squared error. A kind of moment is named where its share is larger
 than its part of the time, by more than a block bootstrap leaves to chance.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from scipy.signal import periodogram
 
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
@@ -22,46 +22,35 @@ from sim2real.diagnosis.data.regimes import regimes
 from sim2real.diagnosis.data.replay import Gap
 from sim2real.diagnosis.evidence import Band
 from sim2real.diagnosis.schema import JointGap, Regime
-from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE, Locating, Regimes, Settings
+from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE, Locating, Settings
 
 
-class Cell(NamedTuple):
-    """One joint at one kind of moment."""
+class _Cell(NamedTuple):
+    """A kind of moment of one joint."""
 
-    joint: str
     group: str  # such as "speed"
     name: str  # such as "fast"
     share: float  # of the joint's squared error
-    low: float  # of its 90 % interval
-    high: float
+    low: float  # the least that it may be
     time: float  # share of the rows
-    before: float  # RMS error there
-    after: float | None
-
-
-class Table(NamedTuple):
-    """The gap by joint, and by joint and kind of moment."""
-
-    where: tuple[JointGap, ...]
-    cells: tuple[Cell, ...]
 
 
 def locate(
     gaps: Sequence[Gap],
     floor: Mapping[str, float],
-    models: Sequence[mujoco.MjModel] = (),
+    models: Sequence[mujoco.MjModel],
     after: Sequence[Gap] = (),
     *,
     rng: np.random.Generator,
     scale: Mapping[str, float] | None = None,
     settings: Settings = DEFAULT,
-) -> Table:
-    """Share the gap out.
+) -> tuple[JointGap, ...]:
+    """Return the gap by joint, the largest share first.
 
     Args:
         gaps: each log with its replay in the model as given.
         floor: noise of each joint; what is left of its squared error above it counts.
-        models: the model of each log, for loads and actuators; none leaves these out.
+        models: the model of each log.
         after: each log with its replay in the corrected model.
         rng: the bootstrap's random generator.
         scale: what a joint's error is divided by, where rad and m have to meet; 1 if not given.
@@ -76,21 +65,17 @@ def locate(
         for joint, e in old.items()
     }
     total = sum(power.values())
-    cells: list[Cell] = []
-    for joint in joints:
-        later = new.get(joint)
-        cells += _cells(gaps, models, joint, old[joint], later, rng, settings)
     where = [
         JointGap(
             joint,
             power[joint] / total if total > 0 else 0.0,
             _rms(old[joint]),
             _rms(new[joint]) if joint in new else None,
-            _named([cell for cell in cells if cell.joint == joint], settings.locating),
+            _named(_cells(gaps, models, joint, old[joint], rng, settings), settings.locating),
         )
         for joint in joints
     ]
-    return Table(tuple(sorted(where, key=lambda w: -w.share)), tuple(cells))
+    return tuple(sorted(where, key=lambda w: -w.share))
 
 
 def bands(
@@ -141,12 +126,6 @@ def as_gaps(data: Data, error: np.ndarray) -> list[Gap]:
     return found
 
 
-def _with(
-    gaps: Sequence[Gap], models: Sequence[mujoco.MjModel]
-) -> Iterator[tuple[Gap, mujoco.MjModel | None]]:
-    yield from zip(gaps, models if len(models) else [None] * len(gaps), strict=True)
-
-
 def _errors(gaps: Sequence[Gap], joint: str) -> np.ndarray:
     """Simulated minus measured over all logs that have the joint, (T,)."""
     parts = [
@@ -165,45 +144,39 @@ def _cells(
     gaps: Sequence[Gap],
     models: Sequence[mujoco.MjModel],
     joint: str,
-    old: np.ndarray,
-    new: np.ndarray | None,
+    errors: np.ndarray,
     rng: np.random.Generator,
     settings: Settings,
-) -> Iterator[Cell]:
-    """The kinds of moments of one joint."""
+) -> Iterator[_Cell]:
+    """Yield the kinds of moments of one joint, of whose error they are a part."""
     kinds: dict[tuple[str, str], list[np.ndarray]] = {}
-    own = [(gap, model) for gap, model in _with(gaps, models) if joint in gap.joints]
-    blocks, count, sizes = [], 0, [len(gap.time) for gap, _ in own]
-    if not all(f"qpos.{joint}" in gap.log.columns for gap, _ in own):
+    own = [(gap.log, m) for gap, m in zip(gaps, models, strict=True) if joint in gap.joints]
+    if not all(f"qpos.{joint}" in log.columns for log, _ in own):
         return
-    for number, (gap, model) in enumerate(own):
-        log = gap.log
-        for kind in _kinds(log, model, joint, settings.regimes):
-            rows = kinds.setdefault((kind[0], kind[1]), [np.zeros(n, bool) for n in sizes])
-            rows[number] = kind[2]
-        new_block = np.diff(log.episode, prepend=log.episode[0]) != 0
-        new_block |= np.diff(np.floor(log.time / settings.dataset.block_s), prepend=0) != 0
-        blocks.append(count + np.cumsum(new_block))
+    blocks, count, sizes = [], 0, [len(log) for log, _ in own]
+    for number, (log, model) in enumerate(own):
+        for group, name, rows in _kinds(log, model, joint, settings):
+            parts = kinds.setdefault((group, name), [np.zeros(n, bool) for n in sizes])
+            parts[number] = rows
+        fresh = np.diff(log.episode, prepend=log.episode[0]) != 0
+        fresh |= np.diff(np.floor(log.time / settings.bootstrap.block_s), prepend=0) != 0
+        blocks.append(count + np.cumsum(fresh))
         count = int(blocks[-1][-1]) + 1
-    block = np.concatenate(blocks)
-    power = np.bincount(block, old**2, count)
-    limits = settings.bootstrap
-    weights = rng.multinomial(count, np.full(count, 1 / count), limits.draws)  # (D, blocks)
-    whole = np.maximum(weights @ power, TINY_SQUARE)
+    block, square = np.concatenate(blocks), errors**2
+    draws = settings.bootstrap.draws
+    weights = rng.multinomial(count, np.full(count, 1 / count), draws)  # (D, blocks)
+    whole = np.maximum(weights @ np.bincount(block, square, count), TINY_SQUARE)
     for (group, name), parts in kinds.items():
         rows = np.concatenate(parts)
-        if not rows.any():
-            continue
-        shares = weights @ np.bincount(block[rows], old[rows] ** 2, count) / whole
-        low, high = np.quantile(shares, [limits.tail, 1 - limits.tail])
-        share = float(np.sum(old[rows] ** 2) / max(np.sum(old**2), TINY_SQUARE))
-        later = None if new is None or len(new) != len(old) else _rms(new[rows])
-        time = float(rows.mean())
-        yield Cell(joint, group, name, share, float(low), float(high), time, _rms(old[rows]), later)
+        if rows.any():
+            shares = weights @ np.bincount(block[rows], square[rows], count) / whole
+            low = float(np.quantile(shares, settings.inference.level))
+            share = float(square[rows].sum() / max(square.sum(), TINY_SQUARE))
+            yield _Cell(group, name, share, low, float(rows.mean()))
 
 
 def _kinds(
-    log: Log, model: mujoco.MjModel | None, joint: str, settings: Regimes
+    log: Log, model: mujoco.MjModel, joint: str, settings: Settings
 ) -> Iterator[tuple[str, str, np.ndarray]]:
     """The kinds of moments of a log, its episodes and itself among them."""
     yield from regimes(log, model, joint, settings)
@@ -214,9 +187,9 @@ def _kinds(
         yield "episode", label, log.episode == number
 
 
-def _named(cells: Sequence[Cell], settings: Locating) -> tuple[Regime, ...]:
+def _named(cells: Iterable[_Cell], settings: Locating) -> tuple[Regime, ...]:
     """The kinds of moments that hold more than their part, the best of each group."""
-    best: dict[str, Cell] = {}
+    best: dict[str, _Cell] = {}
     for cell in cells:
         more = cell.low > settings.lift * cell.time and cell.share > settings.share_min
         if more and (cell.group not in best or cell.share > best[cell.group].share):
@@ -236,9 +209,8 @@ def _spectrum(gaps: Sequence[Gap], joint: str, edges: Sequence[float]) -> tuple[
             time, values = gap.time[own], error[own]
             dt = float(np.median(np.diff(time)))
             clock = np.arange(time[0], time[-1] + dt / 2, dt)
-            line = np.abs(np.fft.rfft(np.interp(clock, time, values))) ** 2 / len(clock) ** 2
-            line[1:] *= 2
-            rates = np.fft.rfftfreq(len(clock), dt)
+            evenly = np.interp(clock, time, values)
+            rates, line = periodogram(evenly, 1 / dt, detrend=False, scaling="spectrum")  # type: ignore[arg-type]
             bins = np.clip(np.searchsorted(edges, rates, side="right") - 1, 0, len(power) - 1)
             power += len(clock) * np.bincount(bins, line, len(power))
             rows, nyquist = rows + len(clock), min(nyquist, 1 / (2 * dt))

@@ -22,8 +22,10 @@ from envs.plant import Fixed
 from hardware.log import Log
 from sim2real.diagnosis.data.recording import shorten
 from sim2real.diagnosis.data.trial import Piece, choose, trial
-from sim2real.diagnosis.settings import DEFAULT
-from sim2real.diagnosis.settings import Numerics as Limits
+from sim2real.diagnosis.settings import DEFAULT, Numerics, Settings
+
+ARMATURE = 5e-4  # kg m^2: below that of the smallest servo (XL-320, 1.1e-3)
+FINE = float(np.finfo(float).eps)  # improvement below which a solver has nothing left to do
 
 
 class NullTest(NamedTuple):
@@ -51,7 +53,7 @@ def null_test(
     logs: Sequence[Log],
     specs: Sequence[mujoco.MjSpec],
     fixed: Sequence[Fixed] = (),
-    settings: Limits = DEFAULT.numerics,
+    settings: Settings = DEFAULT,
 ) -> NullTest:
     """Replay pieces of logs in models with better numerics.
 
@@ -61,7 +63,7 @@ def null_test(
         fixed: effects that are in the model already.
         settings: the changes, and which of their results count.
     """
-    pieces = choose(logs, settings.piece_s, settings.pieces)
+    pieces = choose(logs, settings.simulation.piece_s, settings.simulation.pieces)
     if not pieces:
         return NullTest(0.0, {}, {}, {})
     gap, nominal = _replayed(pieces, specs, fixed, settings)
@@ -69,22 +71,20 @@ def null_test(
     for name in VARIANTS:
         if all(not _applies(name, specs[one.number]) for one in pieces):
             continue
-        changed = [better(spec, (name,), settings) for spec in specs]
+        changed = [better(spec, (name,)) for spec in specs]
         gaps[name], paths = _replayed(pieces, changed, fixed, settings)
         moved[name] = _distance(pieces, specs, nominal, paths, settings)
-        words[name] = _words(_describe(name, settings), gap, gaps[name], moved[name], settings)
+        words[name] = _words(VARIANTS[name][1], gap, gaps[name], moved[name], settings.numerics)
         if name == "armature" and (words["timestep"] == "ok" or gaps[name] > gap):
             words[name] = "ok"  # inertia is physics, unless the step is too long without it
     return NullTest(gap, gaps, moved, words)
 
 
-def better(
-    spec: mujoco.MjSpec, names: Sequence[str], settings: Limits = DEFAULT.numerics
-) -> mujoco.MjSpec:
+def better(spec: mujoco.MjSpec, names: Sequence[str]) -> mujoco.MjSpec:
     """Return a copy of a model with these changes of `null_test`."""
     copy = spec.copy()
     for name in names:
-        VARIANTS[name][0](copy, settings)
+        VARIANTS[name][0](copy)
     return copy
 
 
@@ -94,7 +94,7 @@ def is_numerics(
     cause: Sequence[Fixed],
     test: NullTest,
     fixed: Sequence[Fixed] = (),
-    settings: Limits = DEFAULT.numerics,
+    settings: Settings = DEFAULT,
 ) -> str | None:
     """Say whether what an effect gains vanishes in models with better numerics.
 
@@ -112,16 +112,16 @@ def is_numerics(
     """
     if not test.needed:
         return None
-    pieces = choose(logs, settings.piece_s, settings.pieces)
-    clean = [better(spec, test.needed, settings) for spec in specs]
+    pieces = choose(logs, settings.simulation.piece_s, settings.simulation.pieces)
+    clean = [better(spec, test.needed) for spec in specs]
     given, mended = (
         [_replayed(pieces, models, merge_effects(fixed, more), settings)[0] for more in ((), cause)]
         for models in (specs, clean)
     )
     gain, left = given[0] - given[1], mended[0] - mended[1]
-    if gain <= 0 or left >= settings.gain_left * gain or mended[0] > given[0]:
+    if gain <= 0 or left >= settings.numerics.gain_left * gain or mended[0] > given[0]:
         return None
-    changes = " and ".join(_describe(name, settings) for name in test.needed)
+    changes = " and ".join(VARIANTS[name][1] for name in test.needed)
     return (
         f"It closes {gain / given[0]:.0%} of the gap in the model as given, and "
         f"{max(left, 0.0) / mended[0]:.0%} with {changes}: this is the simulator's numerics, "
@@ -129,11 +129,7 @@ def is_numerics(
     )
 
 
-def _describe(name: str, settings: Limits) -> str:
-    return VARIANTS[name][1].format(armature=settings.armature)
-
-
-def _words(what: str, gap: float, changed: float, moved: float, settings: Limits) -> str:
+def _words(what: str, gap: float, changed: float, moved: float, settings: Numerics) -> str:
     least = settings.change * gap
     if moved < max(least, settings.change_min) or (abs(changed - gap) < least and moved < gap):
         return "ok"
@@ -155,7 +151,7 @@ def _replayed(
     pieces: Sequence[Piece],
     specs: Sequence[mujoco.MjSpec],
     fixed: Sequence[Fixed],
-    settings: Limits,
+    settings: Settings,
 ) -> tuple[float, list[np.ndarray]]:
     """The gap of all pieces, and what was simulated."""
     paths, sizes = [], []
@@ -174,7 +170,7 @@ def _distance(
     specs: Sequence[mujoco.MjSpec],
     one: Sequence[np.ndarray],
     other: Sequence[np.ndarray],
-    settings: Limits,
+    settings: Settings,
 ) -> float:
     """How far two sets of replays are apart, of the joints' motion."""
     sizes = []
@@ -186,9 +182,10 @@ def _distance(
     return float(np.sqrt(np.mean(np.square(sizes)))) if sizes else 0.0
 
 
-def _size(error: np.ndarray, measured: np.ndarray, settings: Limits) -> float:
-    size = float(np.sqrt(np.mean(error**2)) / max(measured.std(), settings.motion_min))
-    return min(size, settings.error_max) if np.isfinite(size) else settings.error_max
+def _size(error: np.ndarray, measured: np.ndarray, settings: Settings) -> float:
+    most = settings.simulation.error_max
+    size = float(np.sqrt(np.mean(error**2)) / max(measured.std(), settings.preflight.moved))
+    return min(size, most) if np.isfinite(size) else most
 
 
 def _joints(one: Piece, model: mujoco.MjModel) -> list[tuple[str, int]]:
@@ -211,31 +208,31 @@ def _scalars(spec: mujoco.MjSpec) -> list[mujoco.MjsJoint]:
     return [joint for joint in spec.joints if joint.type in kinds]
 
 
-def _half_step(spec: mujoco.MjSpec, _: Limits) -> None:
+def _half_step(spec: mujoco.MjSpec) -> None:
     shorten(spec, 2)
 
 
-def _tight(spec: mujoco.MjSpec, settings: Limits) -> None:
-    option, more = spec.option, settings.iterations
-    option.tolerance = min(option.tolerance, settings.tolerance)
-    option.ls_tolerance = settings.line_tolerance
-    option.iterations, option.ls_iterations = more * option.iterations, more * option.ls_iterations
+def _tight(spec: mujoco.MjSpec) -> None:
+    option, usual = spec.option, mujoco.MjSpec().option
+    option.tolerance, option.ls_tolerance = FINE, np.sqrt(FINE)
+    option.iterations = max(option.iterations, usual.iterations)
+    option.ls_iterations = max(option.ls_iterations, usual.ls_iterations)
 
 
-def _stiff(spec: mujoco.MjSpec, _: Limits) -> None:
+def _stiff(spec: mujoco.MjSpec) -> None:
     for joint in spec.joints:
         joint.solimp_friction = np.array(STIFF_SOLIMP)
 
 
-def _inertia(spec: mujoco.MjSpec, settings: Limits) -> None:
+def _inertia(spec: mujoco.MjSpec) -> None:
     for joint in _scalars(spec):
         if joint.armature == 0:
-            joint.armature = settings.armature
+            joint.armature = ARMATURE
 
 
-VARIANTS: dict[str, tuple[Callable[[mujoco.MjSpec, Limits], None], str]] = {
+VARIANTS: dict[str, tuple[Callable[[mujoco.MjSpec], None], str]] = {
     "timestep": (_half_step, "half the timestep"),
     "solver": (_tight, "a tighter solver"),
     "friction": (_stiff, 'solimpfriction="0.9999 0.9999 0.001"'),
-    "armature": (_inertia, "an armature of {armature:g} kg m^2 on joints without any"),
+    "armature": (_inertia, f"an armature of {ARMATURE:g} kg m^2 on joints without any"),
 }

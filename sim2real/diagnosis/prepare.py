@@ -73,7 +73,7 @@ def prepare(
         refuse_clock(log, settings)
         refuse_sparse(log, settings)
     driven = _driven(logs, model)
-    logs, held = mark_blocked(logs, driven, settings.obstruction)
+    logs, held = mark_blocked(logs, driven, settings)
     logs, hunts = mark_hunting(logs, driven, settings.hunting)
     estimates = estimate_all(logs, model, settings.ground)
     logs = [one.log for one in estimates] or logs
@@ -82,10 +82,10 @@ def prepare(
     if estimates:
         on_progress("estimating where the base was", 0.0)
         data = grounded(given, estimates, fixed)
-    specs = [data.specs[model_of(data, number)] for number in range(len(logs))]
+    specs = [data.specs[index] for index in data.which]
     for log, spec in zip(logs, specs, strict=True):
-        refuse_kinds(log, spec, settings.kinds)
-    models = [data.models[model_of(data, number)] for number in range(len(logs))]
+        refuse_kinds(log, spec, settings)
+    models = [data.models[index] for index in data.which]
     findings = [
         *held,
         *hunts,
@@ -95,11 +95,6 @@ def prepare(
     ]
     restart = partial(grounded, given, estimates) if estimates else None
     return PreparedLogs(logs, data, specs, driven, findings, restart)
-
-
-def model_of(data: Data, number: int) -> int:
-    """Return the number of a log's model."""
-    return next((w.model for w in data.windows if w.log == number), 0)
 
 
 def _driven(logs: Sequence[Log], model: str | Path | None) -> dict[str, str]:

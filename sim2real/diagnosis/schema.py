@@ -18,10 +18,10 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, is_dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -298,24 +298,7 @@ class Report:
         if tree.get("schema") not in READ:
             known, found = f"{', '.join(map(str, READ[:-1]))} or {SCHEMA}", tree.get("schema")
             raise Sim2RealError(f"expected a report of schema {known}, got {found!r}")
-        given = {key: value for key, value in tree.items() if key != "schema"}
-        where = tuple(
-            _make(JointGap, {**one, "regimes": _each(Regime, one["regimes"])})
-            for one in given["where"]
-        )
-        parts: dict[str, Any] = {
-            "gap": _make(GapMetrics, given["gap"]),
-            "where": where,
-            "causes": _causes(given["causes"]),
-            "fitted": _causes(given.get("fitted", ())),
-            "unexplained": _make(Unexplained, given["unexplained"]),
-            "preflight": _each(Finding, given["preflight"]),
-        }
-        if given.get("replay") is not None:
-            parts["replay"] = _make(WholeReplay, given["replay"])
-        if given.get("closed_loop") is not None:
-            parts["closed_loop"] = _closed_loop(given["closed_loop"])
-        return _make(Report, {**given, **parts})
+        return _read(Report, {key: value for key, value in tree.items() if key != "schema"})
 
     def write(self, path: str | Path) -> Path:
         """Write report.json, whole or not at all; return its path."""
@@ -341,45 +324,22 @@ def _page() -> Any:
     return import_module(f"{__package__}.report.html")
 
 
-def _make(kind: type, values: Mapping[str, Any]) -> Any:
-    """Return a record of these values; pairs come back from lists."""
-    known = {f.name for f in fields(kind)}
-    for name in values:
-        if name not in known:
-            raise Sim2RealError(f"a report's {kind.__name__} has no key {name!r}")
-    pairs = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+def _read(kind: Any, value: Any) -> Any:
+    """Return a value of a type from what JSON holds of it: records, tuples of them, pairs."""
+    of = next((part for part in get_args(kind) if is_dataclass(part)), kind)
+    if not is_dataclass(of) or value is None:
+        return tuple(value) if isinstance(value, list) else value
+    if get_origin(kind) is tuple:
+        return tuple(_read(of, one) for one in value)
+    kinds, name = get_type_hints(of), getattr(of, "__name__", "")
+    for key in value:
+        if key not in kinds:
+            raise Sim2RealError(f"a report's {name} has no key {key!r}")
+    parts = {key: _read(kinds[key], one) for key, one in value.items()}
     try:
-        return kind(**pairs)
+        return of(**parts)  # type: ignore[operator]
     except TypeError as error:
-        raise Sim2RealError(f"a report's {kind.__name__} is incomplete: {error}") from None
-
-
-def _causes(tables: Any) -> tuple[Cause, ...]:
-    return tuple(
-        _make(Cause, {**one, "equivalent": _each(Equivalent, one["equivalent"])}) for one in tables
-    )
-
-
-def _closed_loop(tree: Mapping[str, Any]) -> ClosedLoop:
-    distances = tuple(
-        _make(Distance, {**one, **_estimates(one, "measure")}) for one in tree["distances"]
-    )
-    paid = tree.get("returns")
-    returns = None if paid is None else _make(Returns, _estimates(paid))
-    return _make(ClosedLoop, {**tree, "distances": distances, "returns": returns})
-
-
-def _estimates(tree: Mapping[str, Any], *others: str) -> dict[str, Estimate | None]:
-    """Return the estimates of a table, those that are None included."""
-    return {
-        name: None if value is None else _make(Estimate, value)
-        for name, value in tree.items()
-        if name not in others
-    }
-
-
-def _each(kind: type, tables: Any) -> tuple[Any, ...]:
-    return tuple(_make(kind, table) for table in tables)
+        raise Sim2RealError(f"a report's {name} is incomplete: {error}") from None
 
 
 def _plain(value: Any) -> Any:

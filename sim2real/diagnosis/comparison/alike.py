@@ -60,12 +60,8 @@ def _there(data: Data, watch: Watch, name: str, joints: list[str]) -> np.ndarray
     model: mujoco.MjModel = data.models[0]
     dofs = [int(model.joint(joint).dofadr[0]) for joint in joints]
     found = np.array(getattr(model, FIELDS[name])[dofs], float)
-    given = [(effect, values[0]) for effect, values in watch.fixed]
-    start = 0
-    for member in watch.shared:
-        given.append((member.effect, watch.values[start]))
-        start += len(member.neutral)
-    for effect, value in given:
+    shared = [(member.effect, values) for member, values in watch.pairs]
+    for effect, values in [*watch.fixed, *shared]:
         if effect.name == name:
-            found += [float(value) * (effect.where in (None, joint)) for joint in joints]
+            found += [float(values[0]) * (effect.where in (None, joint)) for joint in joints]
     return found

@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 from sim2real.runs.files import write_text
 
@@ -17,7 +17,8 @@ Verdict = Literal["unchanged", "changed", "cannot_tell"]
 EXIT = {"unchanged": 0, "changed": 3, "cannot_tell": 4}
 
 
-class Value(NamedTuple):
+@dataclass(frozen=True)
+class Value:
     """A value that both sides have."""
 
     effect: str
@@ -27,7 +28,8 @@ class Value(NamedTuple):
     unit: str
 
 
-class Alike(NamedTuple):
+@dataclass(frozen=True)
+class Alike:
     """Another effect whose change would look the same."""
 
     effect: str
@@ -119,14 +121,7 @@ class Comparison:
 
     def facts(self) -> dict[str, Any]:
         """Return plain data, as in the file."""
-        facts = {"schema": SCHEMA, **asdict(self)}
-        facts["shared"] = [one._asdict() for one in self.shared]
-        for key in ("changes", "tolerated", "watched"):
-            facts[key] = [
-                {**asdict(one), "alike": [other._asdict() for other in one.alike]}
-                for one in getattr(self, key)
-            ]
-        return facts
+        return {"schema": SCHEMA, **asdict(self)}
 
     def write(self, path: str | Path) -> Path:
         """Write `compare.json`."""
@@ -161,7 +156,7 @@ class Fleet:
         facts = {
             "schema": SCHEMA,
             "verdict": self.verdict,
-            "mean": [one._asdict() for one in self.mean],
+            "mean": [asdict(one) for one in self.mean],
             "units": {name: one.facts() for name, one in self.units.items()},
         }
         return write_text(path, json.dumps(facts, indent=1, ensure_ascii=False) + "\n")

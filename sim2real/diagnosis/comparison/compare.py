@@ -12,15 +12,12 @@ cannot follow cancels. Nothing is named that exchanging before and after makes a
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from envs.effects import EFFECTS, load_effects
 from envs.errors import did_you_mean
-from envs.plant import Fixed
 from hardware.log import Log, read_logs
-from sim2real.diagnosis.comparison.alike import friction, in_proportion
 from sim2real.diagnosis.comparison.answer import Change, Comparison, Fleet, Value, Verdict
 from sim2real.diagnosis.comparison.changes import (
     as_alike,
@@ -30,32 +27,16 @@ from sim2real.diagnosis.comparison.changes import (
 )
 from sim2real.diagnosis.comparison.confounders import SUPPLY, Found, confounders
 from sim2real.diagnosis.comparison.excused import excuse
-from sim2real.diagnosis.comparison.motions import Motions, aligned, pair
 from sim2real.diagnosis.comparison.pieces import Pieces, contrasts
-from sim2real.diagnosis.comparison.response import Response, Watch, errors, respond, watched
-from sim2real.diagnosis.comparison.shared import share
+from sim2real.diagnosis.comparison.prepared import Prepared, prepare
+from sim2real.diagnosis.comparison.response import Watch
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.report.text import format_place
 from sim2real.diagnosis.settings import DEFAULT, Settings
 from sim2real.runs.errors import Sim2RealError
 
 Logs = str | Path | Log | Iterable[str | Path | Log]
 UNITS_MIN = 3  # robots of a fleet: of two, nobody can say which one deviates
-
-
-class Prepared(NamedTuple):
-    """Logs, replayed: what every comparison of some of them starts from."""
-
-    data: Data
-    simulator: Simulator
-    partner: np.ndarray
-    windows: np.ndarray
-    motions: Motions
-    watch: Watch
-    response: Response  # of the first windows of each motion
-    error: np.ndarray  # (W, T, M) of all windows
-    friction: dict[int, float]  # of each joint, by the column of its change
 
 
 def compare(
@@ -166,28 +147,6 @@ def _told_apart(
     return {name: every[name] for name in names}
 
 
-def prepare(
-    logs: Sequence[Log],
-    model: str | Path | None,
-    known: Sequence[Fixed],
-    names: Sequence[str],
-    settings: Settings,
-) -> Prepared:
-    """Replay logs with what they share, and with each watched effect a little larger."""
-    motions = pair(logs, settings.compared)
-    data, partner = aligned(Data.of(logs, model, settings), motions)
-    windows = np.flatnonzero(partner == np.arange(len(partner)))
-    watch = watched(data, known, names)
-    simulator = Simulator(data, watch.fixed)
-    if not known:
-        watch = share(simulator, watch, windows)
-    response = respond(simulator, watch, windows)
-    rubs = friction(data, watch, response)
-    response = in_proportion(data, watch, response)
-    error = errors(simulator, watch, np.arange(len(data.windows)))
-    return Prepared(data, simulator, partner, windows, motions, watch, response, error, rubs)
-
-
 def _compared(
     made: Prepared,
     before: Collection[int],
@@ -201,19 +160,13 @@ def _compared(
     """Compare two sides; `tests` of them share the probability of a false alarm."""
     data, columns = made.data, made.response.columns
     settings = data.settings.compared
-    confounded = confounders(data, columns, before, after, remounted, made.friction)
+    confounded = confounders(made, before, after, remounted)
     known = [k for k, c in enumerate(columns) if c.option.name == SUPPLY and confounded.supply]
 
-    def contrast(error: np.ndarray) -> Pieces:
-        own = (made.partner, made.response, error, made.windows, made.motions, before, after)
-        return contrasts(data, *own)
-
-    later = np.array([i for i, w in enumerate(data.windows) if w.log in after], int)
     aside = [*confounded.excused, *known, *confounded.little]
-    first = contrast(made.error)
+    first = contrasts(made, made.error, before, after)
     ends = _ends(confounded, aside, settings.little)
-    own = (made.simulator, made.watch, made.response, made.error, later, aside, ends)
-    pieces, moved = excuse(first, *own, confounded.prior, contrast)
+    pieces, moved = excuse(first, made, (before, after), aside, ends, confounded.prior)
     numbers = _numbers(data, first, pieces, settings.alpha / tests)
     inputs = {
         "before": [str(data.logs[k].path or "a log") for k in before],
@@ -273,14 +226,7 @@ def _numbers(data: Data, first: Pieces, pieces: Pieces, alpha: float) -> dict[st
 
 
 def _untellable(pieces: Pieces, confounded: Found, columns: int, least: int) -> str | None:
-    """Return why nobody can tell whether the robot changed; None: one can.
-
-    Args:
-        pieces: independent ones, of both sides.
-        confounded: what is put down to temperature or mounting.
-        columns: how many changes are watched.
-        least: pieces that are needed.
-    """
+    """Return why nobody can tell whether the robot changed; None: one can."""
     sides = [len(pieces.curve)] if pieces.after is None else np.bincount(pieces.after, minlength=2)
     if min(sides) < least:
         return (
@@ -339,26 +285,15 @@ def _measured(change: float, limit: float | None) -> Change:
 
 
 def _values(watch: Watch) -> tuple[Value, ...]:
-    found, start = [], 0
-    for effect, values in watch.fixed:
-        found.append(Value(effect.name, effect.where, effect.side, float(values[0]), effect.unit))
-    for member in watch.shared:
-        effect = member.effect
-        value = float(watch.values[start])
-        found.append(Value(effect.name, member.place, effect.side, value, effect.unit))
-        start += len(member.neutral)
-    return tuple(found)
+    fixed = [(effect, effect.where, values) for effect, values in watch.fixed]
+    both = [*fixed, *((m.effect, m.place, values) for m, values in watch.pairs)]
+    return tuple(Value(e.name, w, e.side, float(values[0]), e.unit) for e, w, values in both)
 
 
 def _read(logs: Logs, what: str) -> list[Log]:
-    if isinstance(logs, Log):
-        return [logs]
-    if isinstance(logs, str | Path):
-        return read_logs(logs)
-    found = [log for one in logs for log in ([one] if isinstance(one, Log) else read_logs(one))]
-    if not found:
+    if isinstance(logs, Sequence) and not logs:
         raise Sim2RealError(f"{what}: no logs; give {what}=PATH")
-    return found
+    return read_logs(logs)
 
 
 def _names(

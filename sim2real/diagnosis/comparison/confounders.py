@@ -1,6 +1,6 @@
 """What may differ between two sets of logs without the robot having changed.
 
-    found = confounders(data, before, after, remounted=True)
+    found = confounders(made, before, after, remounted=True)
     found.listed, found.excused, found.supply
 
 Temperature makes grease thin and copper resist, in all joints alike; a robot that was mounted anew
@@ -17,6 +17,7 @@ import numpy as np
 from sim2real.diagnosis.comparison.alike import FIELDS
 from sim2real.diagnosis.comparison.answer import Confounder
 from sim2real.diagnosis.comparison.permuted import Prior
+from sim2real.diagnosis.comparison.prepared import Prepared
 from sim2real.diagnosis.comparison.response import Column
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.settings import TINY, Compared
@@ -38,23 +39,17 @@ class Found(NamedTuple):
 
 
 def confounders(
-    data: Data,
-    columns: Sequence[Column],
-    before: Collection[int],
-    after: Collection[int],
-    remounted: bool,
-    friction: Mapping[int, float],
+    made: Prepared, before: Collection[int], after: Collection[int], remounted: bool
 ) -> Found:
     """Look at temperature, supply and mounting.
 
     Args:
-        data: all logs.
-        columns: what may change.
+        made: all logs, and what may change.
         before: the logs of the first side.
         after: those of the second.
         remounted: whether the robot may have been mounted anew in between.
-        friction: of each joint, by the column of its change.
     """
+    data, columns, friction = made.data, made.response.columns, made.friction
     limits = data.settings.compared
     warm = _medians(data, "temperature", before, after)
     volts = _medians(data, "voltage", before, after)
@@ -126,9 +121,9 @@ def _least(
     for k, column in enumerate(columns):
         if column.option.name in FIELDS:
             own = mean if column.option.shared else whole.get(column.option.place, 0.0)
-            least[k] = limits.unequal_friction * warmer * own
+            least[k] = limits.unequal * warmer * own
         elif column.option.name in DRIVES:
-            least[k] = limits.unequal_strength * warmer
+            least[k] = limits.unequal * warmer
     return least
 
 

@@ -1,6 +1,6 @@
 """What is put down to temperature, mounting and supply, simulated rather than drawn as a line.
 
-    left = excuse(pieces, simulator, watch, response, error, later, columns, contrast)
+    left = excuse(pieces, made, (before, after), columns, ends, prior)
     left.pieces, left.moved
 
 A tenth less friction in all joints moves a robot by more than a few per cent of it in one, and its
@@ -8,13 +8,14 @@ straight line is wrong by as much as what is looked for. So the side after is si
 with what was put down to other things, and only what that leaves is explained by straight lines.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from sim2real.diagnosis.comparison.permuted import RIDGE, Prior
-from sim2real.diagnosis.comparison.pieces import Pieces
+from sim2real.diagnosis.comparison.pieces import Pieces, contrasts
+from sim2real.diagnosis.comparison.prepared import Prepared
 from sim2real.diagnosis.comparison.response import Response, Watch, errors
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.settings import TINY_SQUARE
@@ -31,30 +32,24 @@ class Excused(NamedTuple):
 
 def excuse(
     first: Pieces,
-    simulator: Simulator,
-    watch: Watch,
-    response: Response,
-    error: np.ndarray,
-    later: np.ndarray,
+    made: Prepared,
+    sides: tuple[Collection[int], Collection[int]],
     columns: Sequence[int],
     ends: np.ndarray,
     prior: Prior,
-    contrast: Callable[[np.ndarray], Pieces],
 ) -> Excused:
     """Return what is left once the side after is simulated with what is put down to other things.
 
     Args:
         first: the pieces of the errors as they are.
-        simulator: of all windows.
-        watch: what both sides have.
-        response: the columns.
-        error: of all windows with what both sides have, (W, T, M).
-        later: the windows of the side after, (n,).
+        made: the replayed logs.
+        sides: the logs before and those after.
         columns: those that something else may have changed, n of them.
         ends: the least and the largest change of each, (2, n).
         prior: what is known of all columns and of the clocks.
-        contrast: makes pieces of errors (W, T, M).
     """
+    simulator, response = made.simulator, made.response
+    later = np.array([i for i, w in enumerate(made.data.windows) if w.log in sides[1]], int)
     best, moved = first, dict.fromkeys(columns, 0.0)
     if not columns:
         return Excused(best, moved)
@@ -67,9 +62,9 @@ def excuse(
         more = _fitted(best, use, left)[: len(columns)]
         whole = np.clip(np.array(list(moved.values())) + more, *ends)
         tried = dict(zip(columns, whole.tolist(), strict=True))
-        shifted = error.copy()
-        shifted[later] = errors(simulator, _with(watch, response, tried), later)
-        pieces = contrast(shifted)
+        shifted = made.error.copy()
+        shifted[later] = errors(simulator, _with(made.watch, response, tried), later)
+        pieces = contrasts(made, shifted, *sides)
         if _left(pieces, simulator) > (1 + WORSE) * _left(best, simulator):
             break
         best, moved = pieces, tried

@@ -14,17 +14,17 @@ import numpy as np
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.windows import Window, cut_one
-from sim2real.diagnosis.settings import Compared
+from sim2real.diagnosis.settings import Settings
 
 Motions = list[tuple[int, ...]]
 
 
-def pair(logs: Sequence[Log], settings: Compared) -> Motions:
+def pair(logs: Sequence[Log], settings: Settings) -> Motions:
     """Return groups of logs that were driven by the same commands, in their order."""
     found: list[list[int]] = []
     for number, log in enumerate(logs):
         for group in found:
-            if same_rows(logs[group[0]], log, settings).mean() >= settings.same_rows:
+            if same_rows(logs[group[0]], log, settings).mean() >= settings.compared.same_rows:
                 group.append(number)
                 break
         else:
@@ -32,7 +32,7 @@ def pair(logs: Sequence[Log], settings: Compared) -> Motions:
     return [tuple(group) for group in found]
 
 
-def same_rows(one: Log, other: Log, settings: Compared) -> np.ndarray:
+def same_rows(one: Log, other: Log, settings: Settings) -> np.ndarray:
     """Return whether each row of the first log was commanded alike in the other, (T,) bool."""
     rows = min(len(one), len(other))
     alike = np.zeros(len(one), bool)
@@ -43,7 +43,7 @@ def same_rows(one: Log, other: Log, settings: Compared) -> np.ndarray:
     own &= np.abs(one.time[:rows] - other.time[:rows]) < step / 2
     for name in one.actuators:
         first, second = (log.columns[f"ctrl.{name}"][:rows] for log in (one, other))
-        own &= np.abs(first - second) <= settings.same_command
+        own &= np.abs(first - second) <= settings.preflight.same_command
         if f"torque.{name}" in one.columns and f"torque.{name}" in other.columns:
             first, second = (log.columns[f"torque.{name}"][:rows] for log in (one, other))
             own &= (first > 0) == (second > 0)
@@ -68,7 +68,7 @@ def aligned(data: Data, motions: Motions) -> tuple[Data, np.ndarray]:
         partner += range(start, start + len(own))
         for number in group[1:]:
             log = data.logs[number]
-            same = same_rows(data.logs[first], log, data.settings.compared)
+            same = same_rows(data.logs[first], log, data.settings)
             for place, window in enumerate(own):
                 if (twin := _twin(data, window, number, same)) is not None:
                     windows.append(twin)
@@ -81,8 +81,7 @@ def _twin(data: Data, window: Window, number: int, same: np.ndarray) -> Window |
     log = data.logs[number]
     if window.last > len(log) or len(set(log.episode[window.start : window.last])) > 1:
         return None
-    which = next(w.model for w in data.windows if w.log == number)
-    rows = window.start, window.first, window.last
+    which, rows = data.which[number], (window.start, window.first, window.last)
     model, settings = data.models[which], data.settings.windows
     made = cut_one(log, number, which, model, data.joints, rows, settings)
     usable = made.usable & window.usable & same[window.first : window.last]

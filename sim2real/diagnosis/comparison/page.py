@@ -4,13 +4,12 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
 from sim2real.diagnosis.comparison.answer import Alike, Change, Comparison, Fleet, Value
 from sim2real.diagnosis.report.text import effect_display_name, format_place
 from sim2real.runs.files import write_text
+from sim2real.runs.pages import template
 
-FOLDER = Path(__file__).parent / "page"
+PAGE = Path(__file__).parent / "page" / "compare.html"
 WORDS = {"unchanged": "Nothing changed.", "cannot_tell": "These logs cannot tell."}
 SHOWN = 24  # effects whose intervals are drawn, the clearest first
 REACH = 3.0  # half-widths of an interval that the picture shows at least
@@ -29,17 +28,14 @@ class Bar(NamedTuple):
 
 def write_page(answer: Comparison | Fleet, path: str | Path) -> Path:
     """Write the page of a comparison or a fleet."""
-    loader = FileSystemLoader(FOLDER)
-    made = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
-    made.filters["named"] = format_change
     fleet = isinstance(answer, Fleet)
     parts = answer.units if isinstance(answer, Fleet) else {"": answer}
-    shared = answer.mean if isinstance(answer, Fleet) else answer.shared
-    text = made.get_template("compare.html").render(
+    text = template(PAGE).render(
         fleet=fleet,
-        shared=shared,
+        shared=answer.mean if isinstance(answer, Fleet) else answer.shared,
         headline=headline(answer),
         parts=[(name, one, bars(one), headline(one)) for name, one in parts.items()],
+        named=format_change,
     )
     return write_text(path, text)
 

@@ -1,6 +1,6 @@
 """Independent pieces of two sets of logs, and their weighted normal equations.
 
-    pieces = contrasts(data, partner, response, windows, before={0, 1}, after={2, 3})
+    pieces = contrasts(made, made.error, before={0, 1}, after={2, 3})
     pieces.curve, pieces.down                   # (B, K, K), (B, K)
 
 Where logs before and after are of the same motions, a piece is a stretch of their difference:
@@ -9,14 +9,14 @@ the other one. Elsewhere a piece is a stretch of one log's error, and under the 
 sides can be exchanged. With enough logs, a piece is a whole log or pair of logs.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from sim2real.diagnosis.comparison.motions import Motions
+from sim2real.diagnosis.comparison.prepared import Prepared
 from sim2real.diagnosis.comparison.response import Response
-from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.score import coherence
 from sim2real.diagnosis.settings import TINY, TINY_SQUARE
 
@@ -79,90 +79,59 @@ def pairs_of(motions: Motions, before: Collection[int], after: Collection[int]) 
 
 
 def contrasts(
-    data: Data,
-    partner: np.ndarray,
-    response: Response,
-    error: np.ndarray,
-    windows: np.ndarray,
-    motions: Motions,
-    before: Collection[int],
-    after: Collection[int],
+    made: Prepared, error: np.ndarray, before: Collection[int], after: Collection[int]
 ) -> Pieces:
     """Return the pieces of two sides.
 
     Args:
-        data: with aligned windows.
-        partner: the window of the first log with the same motion, for each window, (W,).
-        response: of the first windows of each motion.
+        made: the replayed logs, with aligned windows.
         error: of all windows, (W, T, M).
-        windows: which windows the response is of, (n,).
-        motions: the logs of one motion.
         before: the logs of the first side.
         after: those of the second.
     """
-    pairs = pairs_of(motions, before, after)
-    place = {int(window): k for k, window in enumerate(windows)}
+    pairs = pairs_of(made.motions, before, after)
+    parts = made.data.blocks(coherence(made.data, error))
     if pairs:
-        stretches = _differences(data, partner, response, error, place, pairs)
+        stretches = list(_differences(made, error, parts, pairs))
     else:
-        stretches = _errors(data, partner, response, error, place, before, after)
-    limits = data.settings.compared
+        stretches = list(_errors(made, error, parts, before, after))
+    limits = made.data.settings.compared
     groups = {side: {s.group for s in stretches if s.after == side} for side in (False, True)}
     sizes = [len(g) for g in groups.values() if g]
     logs = min(sizes) >= limits.logs_min
-    return _summed(stretches, logs, bool(pairs), limits.weight_floor, data.scale)
+    return _summed(stretches, logs, bool(pairs), limits.weight_floor, made.data.scale)
 
 
 def _differences(
-    data: Data,
-    partner: np.ndarray,
-    response: Response,
-    error: np.ndarray,
-    place: dict[int, int],
-    pairs: list[Pair],
-) -> list[_Stretch]:
-    """Return the differences of the errors of the second and the first logs of each pair."""
-    of = {(data.windows[i].log, int(b)): i for i, b in enumerate(partner)}
-    parts = data.blocks(coherence(data, error))
-    found = []
+    made: Prepared, error: np.ndarray, parts: np.ndarray, pairs: list[Pair]
+) -> Iterator[_Stretch]:
+    """Yield the differences of the errors of the second and the first logs of each pair."""
+    of = {(made.data.windows[i].log, int(b)): i for i, b in enumerate(made.partner)}
     for first, second in pairs:
-        for own in place:
-            if any((k, own) not in of for k in (*first, *second)):
-                continue
-            ones, others = ([of[k, own] for k in side] for side in (first, second))
-            wrong = error[others].mean(axis=0) - error[ones].mean(axis=0)
-            mask = np.all(data.mask[[*ones, *others]], axis=0)
-            columns = _columns(response, place[own])
-            found.append(_Stretch(wrong, columns, mask, (*first, *second), parts[own], False))
-    return found
+        for place, own in enumerate(made.windows.tolist()):
+            if all((k, own) in of for k in (*first, *second)):
+                ones, others = ([of[k, own] for k in side] for side in (first, second))
+                wrong = error[others].mean(axis=0) - error[ones].mean(axis=0)
+                mask = np.all(made.data.mask[[*ones, *others]], axis=0)
+                columns = _columns(made.response, place)
+                yield _Stretch(wrong, columns, mask, (*first, *second), parts[own], False)
 
 
 def _errors(
-    data: Data,
-    partner: np.ndarray,
-    response: Response,
+    made: Prepared,
     error: np.ndarray,
-    place: dict[int, int],
+    parts: np.ndarray,
     before: Collection[int],
     after: Collection[int],
-) -> list[_Stretch]:
-    """Return the errors of both sides, less what all windows have in common."""
-    parts = data.blocks(coherence(data, error))
-    found = []
-    for i, window in enumerate(data.windows):
-        own = int(partner[i])
+) -> Iterator[_Stretch]:
+    """Yield the errors of both sides."""
+    place = {int(window): k for k, window in enumerate(made.windows)}
+    for i, window in enumerate(made.data.windows):
+        own = int(made.partner[i])
         if window.log in {*before, *after} and own in place:
-            columns = _columns(response, place[own])
-            part = _Stretch(
-                error[i],
-                columns,
-                data.mask[i],
-                (window.log,),
-                parts[i],
-                window.log in after,
-            )
-            found.append(part)
-    return found
+            columns, later = _columns(made.response, place[own]), window.log in after
+            mask = made.data.mask[i]
+            yield _Stretch(error[i], columns, mask, (window.log,), parts[i], later)
 
 
 def _columns(response: Response, window: int) -> np.ndarray:

@@ -45,6 +45,12 @@ class Watch:
     values: np.ndarray
     fixed: tuple[Fixed, ...]
 
+    @property
+    def pairs(self) -> list[tuple[Candidate, np.ndarray]]:
+        """The shared effects, each with its values."""
+        ends = np.cumsum([len(member.neutral) for member in self.shared], dtype=int)
+        return list(zip(self.shared, np.split(self.values, ends)[:-1], strict=True))
+
     def having(self, option: Candidate, values: np.ndarray) -> Watch:
         """Return the watch with a shared effect more, or with other values of the shared ones."""
         known = {member.label for member in self.shared}
@@ -153,8 +159,7 @@ def respond(
         point = np.concatenate([watch.values, probe.point])
         sets.append(_rows((*shared, probe.column.option), windows, point))
     start = 0
-    for member in shared:
-        value = watch.values[start : start + len(member.neutral)]
+    for member, value in watch.pairs:
         steps = get_nudges((member,), value)
         for place in range(_count(member)):
             point = watch.values.copy()
@@ -184,13 +189,10 @@ class _Probe(NamedTuple):
 
 
 def _probes(option: Candidate, small: float) -> list[_Probe]:
-    """Return how each number of an effect is moved.
+    """Return how each number of an effect is moved; what acts in proportion, by a small share.
 
-    Args:
-        option: the effect.
-        small: share of the smallest probe that is a step of what acts in proportion: a factor's
-            straight line over a quarter of its value is another one than over some per cent. Play
-            and the like have no smaller steps that say anything.
+    A factor's straight line over a quarter of its value is another one than over some per cent.
+    Play and the like have no smaller steps that say anything.
     """
     sizes = np.abs(option.probes - option.neutral)
     count = _count(option)

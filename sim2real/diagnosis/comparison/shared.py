@@ -36,7 +36,7 @@ def share(simulator: Simulator, watch: Watch, windows: np.ndarray) -> Watch:
     limits = simulator.data.settings.compared
     error = errors(simulator, watch, windows)
     worst = windows[np.argsort(-simulator.data.only(windows).window_squares(error))]
-    looked = np.sort(worst[: limits.shared_windows])
+    looked = np.sort(worst[: simulator.data.settings.windows.windows_usual])
     gap = _gap(error[np.isin(windows, looked)])
     for step in (_rubbing, *[_joined] * limits.shared_max):
         tried = step(simulator, looked, watch)
@@ -96,14 +96,7 @@ def _joined(simulator: Simulator, windows: np.ndarray, watch: Watch) -> Watch | 
 def _fit(
     simulator: Simulator, windows: np.ndarray, members: tuple[Candidate, ...], starts: np.ndarray
 ) -> np.ndarray:
-    """Return the values, (P,), of effects that leave the least squared error in some windows.
-
-    Args:
-        simulator: of all windows.
-        windows: to fit to, (n,).
-        members: the effects.
-        starts: values to begin from, of which the best is refined, (K, P).
-    """
+    """Return the values, (P,), of effects that leave the least squared error in some windows."""
 
     def replay(points: np.ndarray) -> np.ndarray:
         rows = [
@@ -121,7 +114,7 @@ def _fit(
     size = np.concatenate([member.step for member in members])
     best = starts[np.square(replay(starts)).sum(axis=1).argmin()]
     inside = np.clip(best, low + SMALL * size, high - SMALL * size)
-    rounds = simulator.data.settings.compared.shared_rounds + 1
+    rounds = simulator.data.settings.inference.rounds
     fit = least_squares(
         lambda point: replay(point)[0],
         inside,

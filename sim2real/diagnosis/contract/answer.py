@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 from sim2real.diagnosis.contract.decode import Decoded
 from sim2real.diagnosis.contract.ways import Change
@@ -22,7 +22,8 @@ SAME_VALUE = 0.05  # two fitted values that differ by less are reported as one
 EXIT = {"holds": 0, "broken": 3, "cannot_tell": 4}
 
 
-class Rival(NamedTuple):
+@dataclass(frozen=True)
+class Rival:
     """Another explanation that the log cannot tell from the named one."""
 
     fault: str
@@ -59,7 +60,8 @@ class Finding:
     among: tuple[Rival, ...] = ()
 
 
-class Open(NamedTuple):
+@dataclass(frozen=True)
+class Open:
     """What the log cannot tell."""
 
     where: str
@@ -92,11 +94,6 @@ class Answer:
     def write(self, path: str | Path) -> Path:
         """Write `contract.json`."""
         facts = {"schema": SCHEMA, **asdict(self)}
-        facts["cannot_tell"] = [one._asdict() for one in self.cannot_tell]
-        facts["findings"] = [
-            {**asdict(one), "among": [rival._asdict() for rival in one.among]}
-            for one in self.findings
-        ]
         return write_text(path, json.dumps(facts, indent=1, ensure_ascii=False) + "\n")
 
 

@@ -21,10 +21,14 @@ from sim2real.diagnosis.contract.terms import (
     Term,
     check_keys,
     choice,
+    different,
+    is_number,
     make_term,
     numbers,
     positive,
+    whole,
 )
+from sim2real.diagnosis.data.pairs import TURN
 
 FOLDER = Path(__file__).parent / "observations"
 READY = tuple(sorted(path.stem for path in FOLDER.glob("*.yaml")))
@@ -144,9 +148,7 @@ def read_description(
     if len(driving) != len(names):
         raise ContractError(f"{place}: {len(driving)} actuators for {len(names)} joints")
     action = _section(place, given, "action", ACTION_KEYS)
-    count = action.get("size", len(names))
-    if isinstance(count, bool) or not isinstance(count, int) or not 0 < count <= SIZE_MAX:
-        raise ContractError(f"{place}, action: size {count!r} must be a whole number above 0")
+    count = whole(f"{place}, action: size", action.get("size", len(names)), SIZE_MAX)
     listed = given.get("observation")
     if not isinstance(listed, list) or not listed:
         raise ContractError(f"{place}: observation must be a list of terms, not {listed!r}")
@@ -197,11 +199,7 @@ def _load(path: str | Path) -> tuple[dict[str, Any], str]:
     base = given.get("base")
     if base is None:
         return dict(given), name
-    if base not in READY:
-        hint = did_you_mean(str(base), READY)
-        raise ContractError(
-            f"{name}: base {base!r} is unknown{hint}; choose one of: {', '.join(READY)}"
-        )
+    choice(f"{name}: base", base, READY)
     return _merged(_load(base)[0], given), name
 
 
@@ -227,9 +225,7 @@ def _section(
 def _names(place: str, key: str, given: Any, default: Sequence[str]) -> tuple[str, ...]:
     if given is None:
         return tuple(default)
-    if not isinstance(given, list) or not given or len(set(map(str, given))) != len(given):
-        raise ContractError(f"{place}: {key} {given!r} must be a list of different names, or null")
-    return tuple(map(str, given))
+    return different(f"{place}: {key}", given)
 
 
 def _pose(place: str, given: Any, joints: tuple[str, ...]) -> np.ndarray | None:
@@ -246,8 +242,7 @@ def _pose(place: str, given: Any, joints: tuple[str, ...]) -> np.ndarray | None:
             f"{place}: default_pose {given!r} must be {len(joints)} angles [rad], or joint: angle"
         )
     for name, value in zip(joints, given, strict=True):
-        real = isinstance(value, int | float) and not isinstance(value, bool)
-        if not real or not abs(value) <= 2 * np.pi:
+        if not is_number(value) or not abs(value) <= TURN:
             raise ContractError(
                 f"{place}, default_pose: {name} {value!r} must be an angle [rad] within a turn"
             )
@@ -256,11 +251,7 @@ def _pose(place: str, given: Any, joints: tuple[str, ...]) -> np.ndarray | None:
 
 def _history(place: str, given: Mapping[str, Any]) -> History:
     section = _section(place, given, "history", HISTORY_KEYS)
-    length = section.get("length", 1)
-    if isinstance(length, bool) or not isinstance(length, int) or not 1 <= length <= HISTORY_MAX:
-        raise ContractError(
-            f"{place}, history: length {length!r} must be a whole number from 1 to {HISTORY_MAX}"
-        )
+    length = whole(f"{place}, history: length", section.get("length", 1), HISTORY_MAX)
     layout = choice(f"{place}, history: layout", section.get("layout", "frame"), ("frame", "term"))
     orders = ("oldest_first", "newest_first")
     order = choice(f"{place}, history: order", section.get("order", orders[0]), orders)
@@ -304,7 +295,7 @@ def _normalizer(place: str, given: Mapping[str, Any], size: int) -> np.ndarray |
         if not isinstance(values, list) or len(values) != size:
             count = len(values) if isinstance(values, list) else values
             raise ContractError(f"{place}, normalizer: {key} needs {size} numbers, not {count!r}")
-        real = all(isinstance(v, int | float) and np.isfinite(v) for v in values)
+        real = all(is_number(v) and np.isfinite(v) for v in values)
         if not real or (key == "std" and min(values) <= 0):
             raise ContractError(f"{place}, normalizer: {key} must be finite, and std above 0")
         both.append(np.array(values, float))

@@ -53,8 +53,8 @@ def unstack(values: np.ndarray, about: Description, rows: Rows, limits: Contract
         return Stack(values, [], 0.0, False)
     plain = _way(values, about.history, about, rows, limits)
     if plain.misfit <= limits.suspect:
-        moved = _repeat(plain.newest, values, about, rows, limits)
-        return Stack(plain.newest, [], plain.misfit, moved)
+        same = _way(values, about.history, about, rows, limits, 0)  # all frames are the newest
+        return Stack(plain.newest, [], plain.misfit, same.misfit <= limits.suspect)
     best = min(_others(values, about, rows, limits), key=lambda way: way.misfit)
     if best.misfit > limits.margin * plain.misfit:
         return Stack(plain.newest, [_unexplained(plain)], plain.misfit, False)
@@ -77,7 +77,7 @@ def _others(values: np.ndarray, about: Description, rows: Rows, limits: Contract
         fix = f"stack it {own.order.replace('_', ' ')}, {own.layout} after {own.layout}"
         made = _way(values, History(own.length, layout, order), about, rows, limits)
         found.append(made._replace(fault=fault, text=text, fix=fix))
-    for stride in (0, *limits.strides):
+    for stride in (0, *range(2, limits.ages_max + 1)):
         made = _way(values, own, about, rows, limits, stride)
         same = "all frames of the history are the newest one"
         text = same if stride == 0 else f"the frames of the history are {stride} steps apart"
@@ -116,13 +116,6 @@ def _frames(values: np.ndarray, history: History, sizes: list[int]) -> np.ndarra
         parts = [part.reshape(rows, length, -1) for part in np.split(values, cuts, axis=1)]
         frames = np.concatenate(parts, axis=2)
     return frames if history.order == "newest_first" else frames[:, ::-1]
-
-
-def _repeat(
-    newest: np.ndarray, values: np.ndarray, about: Description, rows: Rows, limits: Contract
-) -> bool:
-    """Return whether frames that are all the same would explain the log as well."""
-    return _way(values, about.history, about, rows, limits, 0).misfit <= limits.suspect
 
 
 def _unexplained(plain: Way) -> Finding:

@@ -15,6 +15,7 @@ from envs.tasks.servo.legs import roll_pitch
 from sim2real.diagnosis.contract.description import Description
 from sim2real.diagnosis.contract.rows import Rows
 from sim2real.diagnosis.contract.terms import ContractError, Term
+from sim2real.diagnosis.data.pairs import TURN
 
 DOWN = np.array([0.0, 0.0, -1.0])
 STEP_SLACK = 0.1  # of a step by which a row's time may be early
@@ -61,7 +62,7 @@ def variants(term: Term, rows: Rows, about: Description) -> list[Variant]:
         return [_as_described(rows.matrix(action), none, 1)]
     if term.kind == "phase":
         steps = np.floor(rows.columns["time"] * about.rate + STEP_SLACK)
-        turn = 2 * np.pi * term.frequency * steps / about.rate
+        turn = TURN * term.frequency * steps / about.rate
         return [_as_described(np.stack([np.sin(turn), np.cos(turn)], axis=1), none)]
     if term.channels:
         return [_as_described(rows.matrix(term.channels), none)]

@@ -14,14 +14,14 @@ from sim2real.diagnosis.contract.description import Description
 from sim2real.diagnosis.contract.rows import Rows
 from sim2real.diagnosis.contract.stages import Stage
 from sim2real.diagnosis.preflight.clocks import check_clocks
-from sim2real.diagnosis.settings import Contract, Settings
+from sim2real.diagnosis.settings import Settings
 
 TORQUE = "sensor.torque_"  # N·m, of an actuator
 
 
 def check_gains(rows: Rows, about: Description, settings: Settings) -> Stage:
     """Regress torque on error and speed, and compare with the described gains."""
-    stage, limits = Stage(), settings.contract
+    stage = Stage()
     if about.action.kp is None:
         return stage
     logged = [f"{TORQUE}{name}" for name in about.actuators]
@@ -34,14 +34,14 @@ def check_gains(rows: Rows, about: Description, settings: Settings) -> Stage:
     error = rows.matrix([f"ctrl.{name}" for name in about.actuators])
     # what was measured before a row's command answers to the command before it
     error = rows.older(error, 1) - rows.matrix([f"qpos.{name}" for name in about.joints])
-    use, low, high = rows.deep(1), *limits.gain_ratio
+    use, low, high = rows.deep(1), *settings.preflight.ratio
     ratios: dict[str, dict[str, float]] = {"kp": {}, "kd": {}}
     for j, name in enumerate(about.joints):
         data = np.stack([error[use, j], -speed[use, j]], axis=1)
         found, *_ = np.linalg.lstsq(data, torque[use, j], rcond=None)
         rest = torque[use, j] - data @ found
         power = float(np.sum((torque[use, j] - torque[use, j].mean()) ** 2))
-        if power == 0 or float(rest @ rest) > (1 - limits.gain_share) * power:
+        if power == 0 or float(rest @ rest) > (1 - settings.preflight.share) * power:
             text = "torque is not a function of position and speed, so its gains are unknown"
             stage.cannot_tell.append(Open(f"gains: {name}", text))
             continue
@@ -52,18 +52,18 @@ def check_gains(rows: Rows, about: Description, settings: Settings) -> Stage:
                 stage.checked[f"gains: {key} {name}"] = abs(ratios[key][name] - 1)
     for key, of in ratios.items():
         off = {name: ratio for name, ratio in of.items() if not low <= ratio <= high}
-        stage.findings += _gain_findings(key, off, len(about.joints), limits)
+        stage.findings += _gain_findings(key, off, len(about.joints), settings)
     return stage
 
 
 def _gain_findings(
-    key: str, off: dict[str, float], joints: int, limits: Contract
+    key: str, off: dict[str, float], joints: int, settings: Settings
 ) -> Iterator[Finding]:
     """Yield a finding for all joints if they agree, else one a joint."""
     if not off:
         return
     middle = float(np.median(list(off.values())))
-    low, high = limits.gain_ratio
+    low, high = settings.preflight.ratio
     shared = len(off) == joints and all(low <= r / middle <= high for r in off.values())
     for name, ratio in ({"every joint": middle} if shared else off).items():
         text = f"{key} of {name} is {ratio:.3g} times the described one"
@@ -73,16 +73,16 @@ def _gain_findings(
 
 def check_rate(logs: Sequence[Log], about: Description, settings: Settings) -> Stage:
     """Compare the rows' interval with the described rate, and ask whether times were measured."""
-    stage, limits = Stage(), settings.contract
+    stage = Stage()
     steps = [np.diff(part.time) for log in logs for part in log.episodes()]
     rate = 1.0 / float(np.median(np.concatenate(steps)))
     off = abs(rate / about.rate - 1)
     stage.checked["clock: rate"] = off
-    if off > limits.rate_error:
+    if off > settings.preflight.rate_error:
         text = f"the log has {rate:.4g} rows a second, and the policy was trained at {about.rate:g}"
         fix = f"run the policy {about.rate:g} times a second, or log one row a control step"
         stage.findings.append(Finding("clock", "rate", "rows", text, fix, off, 0.0, None, rate))
-    for clock in check_clocks(logs, settings.clocks):
+    for clock in check_clocks(logs, settings):
         if clock.where is None:  # those of single joints are no part of the interface
             stage.findings.append(
                 Finding("clock", clock.check, "rows", clock.finding, clock.fix, 0.0, 0.0)

@@ -19,12 +19,12 @@ from sim2real.diagnosis.contract.rebuild import Variant, variants
 from sim2real.diagnosis.contract.rows import Rows
 from sim2real.diagnosis.contract.terms import ContractError
 from sim2real.diagnosis.contract.ways import Target
+from sim2real.diagnosis.data.pairs import TWELVE_BITS
 from sim2real.diagnosis.settings import Contract
 
 Actor = Callable[[np.ndarray], np.ndarray]
 ANGULAR = ("joint_position", "joint_velocity", "gyro", "roll_pitch")
 NORMALIZED = "subtract the mean and divide by the standard deviation {}"
-TWELVE_BITS = 2 * np.pi / 4096  # rad
 SAME_DIGITS, FEW_LEVELS, OFF_GRID = 9, 3, 0.01  # of commands that are rounded to counts
 LIMITED = "flag.limited"  # 1 in rows in which the robot's guard sent something else
 
@@ -226,7 +226,7 @@ def _held(
     """Return values that are renewed every few rows only."""
     return [
         Variant("rate", f"is renewed every {n} rows only", fix, rows.held(values, n, phase), offset)
-        for n in limits.holds
+        for n in range(2, limits.ages_max + 2)
         for phase in range(n)
     ]
 
@@ -328,16 +328,7 @@ def _action_ways(
     reach: float,
     limits: Contract,
 ) -> list[Variant]:
-    """Return what may have become of the actions: as described, unclipped, filtered, held.
-
-    Args:
-        rows: of the logs.
-        asked: clipped actions, (T, A).
-        offset: added to them before scaling, (A,).
-        done: actions before clipping; None where the law has none.
-        reach: the largest action that the commands show.
-        limits: what is tried.
-    """
+    """Return what may have become of the actions: as described, unclipped, filtered, held."""
     ways = [Variant("", "", "", asked, offset)]
     if done is not None and not np.array_equal(done, asked):
         text, fix = "is made of actions that were not clipped", "clip the actions"

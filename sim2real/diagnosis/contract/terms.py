@@ -149,9 +149,28 @@ def check_keys(place: str, given: Mapping[str, Any], allowed: tuple[str, ...]) -
             )
 
 
+def is_number(value: Any) -> bool:
+    """Return whether a value of a file is a number."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def whole(place: str, value: Any, most: float, hint: str = "") -> int:
+    """Return a whole number from 1 to `most`; raises ContractError for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 < value <= most:
+        raise ContractError(f"{place} {value!r} must be a whole number from 1 to {most:g}{hint}")
+    return value
+
+
+def different(place: str, given: Any) -> tuple[str, ...]:
+    """Return a list of different names; raises ContractError for anything else."""
+    if not isinstance(given, list) or not given or len(set(map(str, given))) != len(given):
+        raise ContractError(f"{place} {given!r} must be a list of different names, or null")
+    return tuple(map(str, given))
+
+
 def positive(place: str, value: Any) -> float:
     """Return a number above 0; raises ContractError for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < np.inf:
+    if not is_number(value) or not 0 < value < np.inf:
         raise ContractError(f"{place}: {value!r} is not allowed; give a number above 0")
     return float(value)
 
@@ -166,8 +185,7 @@ def numbers(place: str, given: Any, size: int, most: float) -> np.ndarray:
     if len(values) != size:
         raise ContractError(f"{place}: {len(values)} numbers for {size}; give one, or {size}")
     for value in values:
-        real = isinstance(value, int | float) and not isinstance(value, bool)
-        if not real or not 0 < abs(value) <= most:
+        if not is_number(value) or not 0 < abs(value) <= most:
             raise ContractError(
                 f"{place}: {value!r} is not allowed; give numbers other than 0, up to {most:g}"
             )
@@ -177,15 +195,10 @@ def numbers(place: str, given: Any, size: int, most: float) -> np.ndarray:
 def _joints(place: str, given: Any, joints: tuple[str, ...]) -> tuple[str, ...]:
     if given is None:
         return joints
-    if not isinstance(given, list) or len(set(map(str, given))) != len(given) or not given:
-        raise ContractError(f"{place}: joints {given!r} must be a list of different names")
-    for name in given:
-        if name not in joints:
-            raise ContractError(
-                f"{place}: unknown joint {name!r}{did_you_mean(str(name), joints)}; choose one of: "
-                f"{', '.join(joints)}"
-            )
-    return tuple(given)
+    chosen = different(f"{place}: joints", given)
+    for name in chosen:
+        choice(f"{place}: joint", name, joints)
+    return chosen
 
 
 def _size(
@@ -206,13 +219,8 @@ def _size(
         if given.get("size", count) != count:
             raise ContractError(f"{place}: size {given['size']} for {count} channels; leave it out")
         return count
-    size = given.get("size")
-    if isinstance(size, bool) or not isinstance(size, int) or not 0 < size <= most:
-        raise ContractError(
-            f"{place}: size {size!r} must be a whole number from 1 to {most:g}, or name its "
-            "columns of the log as channels"
-        )
-    return size
+    hint = ", or name its columns of the log as channels"
+    return whole(f"{place}: size", given.get("size"), most, hint)
 
 
 def _channels(place: str, kind: str, given: Mapping[str, Any]) -> tuple[str, ...]:

@@ -11,11 +11,10 @@ another channel further off is doubtful. Compared are
   it best (the motor's constant is not known); a torque that was computed is left out;
 * `gyro.<site>.x` to `.z` and `accelerometer.<site>.x` to `.z`: MuJoCo's sensors at that site.
 
-Noise is what a cubic through neighbouring rows leaves, the median of it.
+Noise is that of one reading (`noise_floor`).
 """
 
 from collections.abc import Iterator, Sequence
-from math import comb
 
 import mujoco
 import numpy as np
@@ -23,22 +22,20 @@ import numpy as np
 from envs.plant import Fixed, Plant
 from envs.replay import Schedule, schedule, simulate
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.noise_floor import reading_noise
 from sim2real.diagnosis.data.pairs import SCALAR
 from sim2real.diagnosis.data.simulate import actuated
 from sim2real.diagnosis.data.thermal import torques
 from sim2real.diagnosis.data.windows import Window
 from sim2real.diagnosis.evidence import ChannelGap
-from sim2real.diagnosis.settings import DEFAULT, TINY, Channels
+from sim2real.diagnosis.settings import DEFAULT, TINY, Preflight
 
-ORDER = 4  # of the differences that a cubic leaves
-NORMAL = 1.4826  # of a median of absolute values to a standard deviation, of a normal law
 AXES = ("x", "y", "z")
 SENSORS = {
     "gyro": mujoco.mjtSensor.mjSENS_GYRO,
     "accelerometer": mujoco.mjtSensor.mjSENS_ACCELEROMETER,
 }
 UNITS = {"qvel": "rad/s", "gyro": "rad/s", "accelerometer": "m/s²", "current": "A"}
-Values = dict[str, list[np.ndarray]]  # by column, a piece a window
 
 
 def channel_gaps(
@@ -57,18 +54,19 @@ def channel_gaps(
         return ()
     before = _residuals(data, known, torque)
     after = _residuals(data, found, torque) if found is not known else before
+    noise = {column: reading_noise(data.logs, column, data.settings) for column in before}
     return tuple(
-        ChannelGap(column, _unit(column), _noise(data, column), before[column], after[column])
+        ChannelGap(column, _unit(column), noise[column], before[column], after[column])
         for column in before
     )
 
 
 def contradicting(
-    gaps: Sequence[ChannelGap], settings: Channels = DEFAULT.channels
+    gaps: Sequence[ChannelGap], settings: Preflight = DEFAULT.preflight
 ) -> Iterator[tuple[str, str, str, str]]:
     """Yield check, location, finding and fix for each channel whose error the causes increase."""
     for gap in gaps:
-        far = gap.after - gap.before > settings.worse_noises * gap.noise
+        far = gap.after - gap.before > settings.sigmas * gap.noise
         if far and gap.after > settings.worse * gap.before:
             yield (
                 "witness",
@@ -83,23 +81,9 @@ def _unit(column: str) -> str:
     return UNITS.get(column.partition(".")[0], "N·m")
 
 
-def _noise(data: Data, column: str) -> float:
-    """Return the noise of a column: what a cubic through neighbouring rows leaves."""
-    parts = [
-        np.diff(part.column(column), ORDER)
-        for log in data.logs
-        if column in log.columns
-        for part in log.episodes()
-        if len(part) > ORDER
-    ]
-    rest = np.abs(np.concatenate(parts)) if parts else np.zeros(1)
-    return float(NORMAL * np.median(rest) / np.sqrt(comb(2 * ORDER, ORDER)))
-
-
 def _residuals(data: Data, fixed: Sequence[Fixed], torque: dict[str, str]) -> dict[str, float]:
     """Return the root mean square residual of each column over the compared rows."""
-    said: Values = {}
-    made: Values = {}
+    both: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for index in range(len(data.specs)):
         windows = [window for window in data.windows if window.model == index]
         if not windows:
@@ -111,15 +95,20 @@ def _residuals(data: Data, fixed: Sequence[Fixed], torque: dict[str, str]) -> di
         simulated = actuated(plant, 0)
         imu = _with_sensors(data, index)
         for window, plan, path in zip(windows, plans, motion.qpos, strict=True):
-            steps = _steps(data, window, dt)
+            steps, log = _steps(data, window, dt), data.logs[window.log]
             if np.isfinite(path).all() and steps.size:
-                _compare(data, window, (simulated, imu), (plan, path, steps), torque, said, made)
-    return {column: _rms(said[column], made[column], column) for column in said}
+                rows = np.arange(window.first, window.last)[window.usable]
+                own = {name: column for name, column in torque.items() if column in log.columns}
+                made = _simulated(simulated, imu, plan, path, steps, own)
+                for column, values in made.items():
+                    if column in log.columns:
+                        both.setdefault(column, []).append((log.column(column)[rows], values))
+    return {column: _rms(np.concatenate(pairs, axis=1), column) for column, pairs in both.items()}
 
 
-def _rms(said: Sequence[np.ndarray], made: Sequence[np.ndarray], column: str) -> float:
-    """Return the root mean square difference; a torque is first scaled to fit."""
-    measured, simulated = np.concatenate(said), np.concatenate(made)
+def _rms(both: np.ndarray, column: str) -> float:
+    """Return the root mean square difference of two lines, (2, n); a torque is scaled to fit."""
+    measured, simulated = both
     if column.partition(".")[0] in ("current", "sensor"):
         factor = float(measured @ simulated) / max(float(simulated @ simulated), TINY)
         simulated = factor * simulated
@@ -133,37 +122,27 @@ def _steps(data: Data, window: Window, dt: float) -> np.ndarray:
     return np.maximum(steps[window.usable], 1)
 
 
-def _compare(
-    data: Data,
-    window: Window,
-    models: tuple[mujoco.MjModel, mujoco.MjModel],
-    motion: tuple[Schedule, np.ndarray, np.ndarray],
+def _simulated(
+    model: mujoco.MjModel,
+    imu: mujoco.MjModel,
+    plan: Schedule,
+    path: np.ndarray,
+    steps: np.ndarray,
     torque: dict[str, str],
-    said: Values,
-    made: Values,
-) -> None:
-    """Add what a window's columns say, and what the simulation makes of them."""
-    log, (simulated, imu), (plan, path, steps) = data.logs[window.log], models, motion
-    rows = np.arange(window.first, window.last)[window.usable]
+) -> dict[str, np.ndarray]:
+    """Return what a simulation makes of columns at some steps (n,) of its path."""
     steps = np.minimum(steps, len(path) - 2)
-    model = data.models[window.model]
     found: dict[str, np.ndarray] = {}
     for i in range(model.njnt):
-        column, place = f"qvel.{model.joint(i).name}", int(model.jnt_qposadr[i])
-        if int(model.jnt_type[i]) in SCALAR and column in log.columns:
+        if int(model.jnt_type[i]) in SCALAR:
+            place = int(model.jnt_qposadr[i])
             slope = (path[steps + 1, place] - path[steps - 1, place]) / 2
-            found[column] = slope / model.opt.timestep
+            found[f"qvel.{model.joint(i).name}"] = slope / model.opt.timestep
     if torque:
-        every = torques(simulated, path[: plan.steps + 1], plan)
+        every = torques(model, path[: plan.steps + 1], plan)
         for name, column in torque.items():
-            if column in log.columns:
-                found[column] = every[np.minimum(steps, len(every) - 1), model.actuator(name).id]
-    if imu.nsensor:
-        found |= _sensed(imu, path, steps)
-    for column, values in found.items():
-        if column in log.columns:
-            said.setdefault(column, []).append(log.column(column)[rows])
-            made.setdefault(column, []).append(values)
+            found[column] = every[np.minimum(steps, len(every) - 1), model.actuator(name).id]
+    return found | (_sensed(imu, path, steps) if imu.nsensor else {})
 
 
 def _sites(data: Data) -> Iterator[tuple[str, str]]:

@@ -21,7 +21,6 @@ from envs.replay import switchable
 from hardware.log import Log
 from sim2real.diagnosis.data.impedance import impedance_of, with_laws
 from sim2real.diagnosis.data.noise_floor import noise_floor, rounding, step_of
-from sim2real.diagnosis.data.nuisance import Nuisance
 from sim2real.diagnosis.data.pairs import is_scalar
 from sim2real.diagnosis.data.recording import (
     check_log,
@@ -48,7 +47,8 @@ class Data:
         mask: which rows are compared, (W, T).
         measured: (W, T, M).
         settings: the settings of this and all later stages.
-        nuisance: what the windows' starts may do to errors, which is taken out; None: nothing.
+        starts: what one standard deviation of each unknown of a start changes of errors,
+            (W, T, M, D), where starts are estimated; None: they are measured.
     """
 
     logs: tuple[Log, ...]
@@ -59,7 +59,7 @@ class Data:
     mask: np.ndarray
     measured: np.ndarray
     settings: Settings = DEFAULT
-    nuisance: Nuisance | None = None
+    starts: np.ndarray | None = None
 
     @staticmethod
     def of(
@@ -106,6 +106,12 @@ class Data:
         """What errors are divided by, (M,)."""
         return np.array([joint.scale for joint in self.joints])
 
+    @property
+    def which(self) -> list[int]:
+        """The number of each log's model."""
+        own = {window.log: window.model for window in self.windows}
+        return [own.get(number, 0) for number in range(len(self.logs))]
+
     def floors(self) -> np.ndarray:
         """Return the noise floor of each joint [rad or m], (M,)."""
         found = noise_floor(self.logs, self.settings)
@@ -124,12 +130,14 @@ class Data:
             seconds: length of a block, which may span several windows of an episode; None, and
                 what is shorter, is about a second of one window.
         """
-        if seconds is not None and seconds > self.settings.dataset.block_s:
+        if seconds is not None and seconds > self.settings.bootstrap.block_s:
             return self._spans(seconds)
         found, count = np.full(self.mask.shape, -1), 0
         for index, window in enumerate(self.windows):
             time = window.sample[:, 0] - window.sample[0, 0]
-            pieces = max(1, round(time[-1] / self.settings.dataset.block_s)) if len(time) > 1 else 1
+            pieces = (
+                max(1, round(time[-1] / self.settings.bootstrap.block_s)) if len(time) > 1 else 1
+            )
             own = np.minimum((time / max(time[-1], TINY) * pieces).astype(int), pieces - 1)
             found[index, : len(own)] = np.where(window.usable, count + own, -1)
             count += pieces
@@ -165,7 +173,7 @@ class Data:
             windows=tuple(windows),
             mask=_masks(windows, longest),
             measured=np.array([_padded(w.measured, longest) for w in windows]),
-            nuisance=None,
+            starts=None,
         )
 
     def only(self, chosen: np.ndarray) -> Data:
@@ -175,7 +183,7 @@ class Data:
             windows=tuple(self.windows[i] for i in chosen),
             mask=self.mask[chosen],
             measured=self.measured[chosen],
-            nuisance=None if self.nuisance is None else self.nuisance.only(chosen),
+            starts=None if self.starts is None else self.starts[chosen],
         )
 
     def stepping(self, most: float) -> Data | None:
@@ -189,7 +197,7 @@ class Data:
         """
         specs = [spec.copy() for spec in self.specs]
         for spec in specs:
-            spec.option.timestep *= max(int(most / spec.option.timestep * (1 + 1e-9)), 1)
+            spec.option.timestep *= max(int(most / spec.option.timestep * (1 + TINY)), 1)
         pairs = zip(specs, self.specs, strict=True)
         if all(spec.option.timestep == own.option.timestep for spec, own in pairs):
             return None
@@ -240,7 +248,7 @@ def _joints(
     logs: Sequence[Log], models: Sequence[mujoco.MjModel], settings: Settings
 ) -> list[Joint]:
     """Return the hinges and slides that every log and model has."""
-    found, still = [], {"rad": settings.channels.still_rad, "m": settings.channels.still_m}
+    found, still = [], {"rad": settings.preflight.still_rad, "m": settings.preflight.still_m}
     for i in range(models[0].njnt):
         name = models[0].joint(i).name
         column = f"qpos.{name}"
@@ -252,7 +260,7 @@ def _joints(
         unit = "rad" if models[0].jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE else "m"
         spread = float(values.std())
         place = int(models[0].jnt_qposadr[i])
-        step = step_of(values[np.concatenate([log.fresh for log in logs])], settings.encoder)
+        step = step_of(values[np.concatenate([log.fresh for log in logs])], settings)
         step = step if spread else still[unit]  # that never changed: below what counts as moving
         found.append(Joint(name, place, unit, step, spread, 1.0))
     if not found:
@@ -264,7 +272,7 @@ def _joints(
 
 def _refuse_short(logs: Sequence[Log], settings: Settings) -> None:
     """Raise Sim2RealError if logs are not in seconds, or too short for any interval."""
-    least = settings.dataset.seconds_min
+    least = settings.bootstrap.block_s
     for log in logs:
         refuse_clock(log, settings)
         refuse_sparse(log, settings)
@@ -278,7 +286,7 @@ def _refuse_short(logs: Sequence[Log], settings: Settings) -> None:
 
 
 def _refuse_still(logs: Sequence[Log], joints: Sequence[Joint], settings: Settings) -> None:
-    counts, least = settings.dataset.still_counts, settings.dataset.count_min
+    counts, least = settings.preflight.counts, settings.preflight.count_min
     still = [j.name for j in joints if j.spread < counts * max(j.count, least)]
     if len(still) == len(joints):
         names = ", ".join(still)

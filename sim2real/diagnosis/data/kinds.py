@@ -16,11 +16,11 @@ from envs.effects.servo import is_linear, is_servo
 from hardware.log import Log
 from sim2real.diagnosis.data.impedance import impedance_of
 from sim2real.diagnosis.data.trial import choose, trial
-from sim2real.diagnosis.settings import DEFAULT, TINY, Kinds
+from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 from sim2real.runs.errors import Sim2RealError
 
 
-def refuse_kinds(log: Log, spec: mujoco.MjSpec, settings: Kinds = DEFAULT.kinds) -> None:
+def refuse_kinds(log: Log, spec: mujoco.MjSpec, settings: Settings = DEFAULT) -> None:
     """Raise Sim2RealError for commands that cannot be meant for the model's actuators.
 
     Args:
@@ -28,25 +28,24 @@ def refuse_kinds(log: Log, spec: mujoco.MjSpec, settings: Kinds = DEFAULT.kinds)
         spec: its model.
         settings: what is no doubt.
     """
-    model = spec.copy().compile()
+    model, limits = spec.copy().compile(), settings.preflight
     joints = _joints(log, model)
     if not joints or impedance_of(log):
         return
     alike = {name: _likeness(log, name, joint, settings) for name, joint in joints.items()}
     servos = [is_servo(model, model.actuator(name).id) for name in joints]
     place, names = log.path or "the log", ", ".join(joints)
-    if not any(servos) and all(one > settings.follows for one in alike.values()):
-        if _gap(log, spec, joints, settings) > settings.lost:
+    if not any(servos) and all(one > limits.follows for one in alike.values()):
+        if _gap(log, spec, joints, settings) > limits.lost:
             raise Sim2RealError(
                 f"{place}: the joints follow the commands of {names} like desired positions, but "
                 f"the model has motors there, which take torques [N·m]: give a model with position "
                 "actuators, or log the torques as `ctrl.*`"
             )
-    elif all(servos) and all(one < settings.stranger for one in alike.values()):
+    elif all(servos) and all(one < limits.stranger for one in alike.values()):
         kinds = (spec, _motors(spec, joints), _motors(spec, joints, gain=0.0))
         gap, other, none = (_gap(log, one, joints, settings) for one in kinds)
-        worse = min(settings.better * gap, settings.acting * none)
-        if gap > settings.lost and other < worse:
+        if gap > limits.lost and other < limits.better * min(gap, none):
             raise Sim2RealError(
                 f"{place}: the model has position servos at {names}, which take desired "
                 f"positions, but the commands act like torques: as such their replay is "
@@ -68,10 +67,11 @@ def _joints(log: Log, model: mujoco.MjModel) -> dict[str, str]:
     return found
 
 
-def _likeness(log: Log, actuator: str, joint: str, settings: Kinds) -> float:
+def _likeness(log: Log, actuator: str, joint: str, settings: Settings) -> float:
     """Return how well a joint's position is its command of a moment ago; 1: to the last digit."""
     best, q = -np.inf, log.column(f"qpos.{joint}")
-    for rows in range(settings.rows):
+    step = float(np.median(np.diff(log.time)))
+    for rows in range(max(round(settings.preflight.reach_s / step), 1)):
         parts = [part for part in log.episodes() if len(part) > rows]
         if 2 * sum(len(part) - rows for part in parts) < len(q):
             break  # few rows are alike by chance
@@ -81,10 +81,10 @@ def _likeness(log: Log, actuator: str, joint: str, settings: Kinds) -> float:
     return best
 
 
-def _gap(log: Log, spec: mujoco.MjSpec, joints: dict[str, str], settings: Kinds) -> float:
+def _gap(log: Log, spec: mujoco.MjSpec, joints: dict[str, str], settings: Settings) -> float:
     """Return how far a replay of short pieces is from the log, over the joints' spread."""
-    model = spec.copy().compile()
-    pieces = choose([log], settings.seconds, settings.pieces)
+    model, most = spec.copy().compile(), settings.simulation.error_max
+    pieces = choose([log], settings.preflight.brief_s, settings.simulation.pieces)
     paths = trial(spec, [piece.recording(model) for piece in pieces]) if pieces else []
     found = []
     for piece, path in zip(pieces, paths, strict=True):
@@ -92,8 +92,8 @@ def _gap(log: Log, spec: mujoco.MjSpec, joints: dict[str, str], settings: Kinds)
             measured = piece.log.column(f"qpos.{joint}")
             off = path[:, int(model.joint(joint).qposadr[0])] - measured
             spread = max(float(log.column(f"qpos.{joint}").std()), TINY)
-            off = np.where(np.isfinite(off), np.abs(off) / spread, settings.most)
-            found.append(float(np.sqrt(np.mean(np.minimum(off, settings.most) ** 2))))
+            off = np.where(np.isfinite(off), np.abs(off) / spread, most)
+            found.append(float(np.sqrt(np.mean(np.minimum(off, most) ** 2))))
     return float(np.median(found)) if found else 0.0
 
 

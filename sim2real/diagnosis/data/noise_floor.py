@@ -18,10 +18,12 @@ import numpy as np
 
 from hardware.log import Log
 from sim2real.diagnosis.data.windows import hunting_rows
-from sim2real.diagnosis.settings import DEFAULT, TINY, Encoder, NoiseFloor, Settings
+from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 
 ORDER = 4  # of the differences that a cubic leaves
 UNIFORM = 12  # 1/12 is the variance of an error that is uniform within one count
+SAME = 1e-6  # rad or m: readings closer than this are equal
+ONE_COUNT = 1.5  # between one step and two
 
 
 def noise_floor(logs: Sequence[Log], settings: Settings = DEFAULT) -> dict[str, float]:
@@ -29,7 +31,7 @@ def noise_floor(logs: Sequence[Log], settings: Settings = DEFAULT) -> dict[str, 
 
     Args:
         logs: logs of one robot.
-        settings: those of `encoder` and `noise_floor` are used.
+        settings: those of `noise_floor` are used.
     """
     names = list(dict.fromkeys(name for log in logs for name in _positions(log)))
     own = {name: reading_noise(logs, f"qpos.{name}", settings) for name in names}
@@ -37,21 +39,28 @@ def noise_floor(logs: Sequence[Log], settings: Settings = DEFAULT) -> dict[str, 
     return own | {name: max(scatter, own[name]) for name, scatter in repeats.items()}
 
 
-def step_of(values: np.ndarray, settings: Encoder = DEFAULT.encoder) -> float:
+def step_of(values: np.ndarray, settings: Settings = DEFAULT) -> float:
     """Return the step between two readings of an encoder, 0 if they are not rounded.
 
     Of few values that are read again and again it is the smallest step between two of them.
     """
-    levels = np.unique(values)
+    limits, levels = settings.noise_floor, np.unique(values)
     steps = np.diff(levels)
-    steps = steps[steps > settings.same]
-    if len(steps) < settings.steps_min:
-        again = len(values) > settings.steps_min * len(levels)
+    steps = steps[steps > SAME]
+    if len(steps) < limits.steps_min:
+        again = len(values) > limits.steps_min * len(levels)
         return float(steps.min()) if again and steps.size else 0.0
-    step = float(np.median(steps[steps < settings.one_count * steps.min()]))
-    near = steps[steps < settings.tested_counts * step]
-    whole = np.abs(near / step - np.round(near / step)) < settings.whole_error
-    return step if whole.mean() > settings.whole_share else 0.0
+    step = float(np.median(steps[steps < ONE_COUNT * steps.min()]))
+    near = steps[steps < step / limits.whole_error]  # of more counts, it may be that far off itself
+    whole = np.abs(near / step - np.round(near / step)) < limits.whole_error
+    return step if whole.mean() > 1 - settings.inference.level else 0.0
+
+
+def count_of(logs: Sequence[Log], joint: str, settings: Settings = DEFAULT) -> float:
+    """Return the step between two readings of a joint, 0 if they are not rounded."""
+    column = f"qpos.{joint}"
+    values = [log.column(column)[log.fresh] for log in logs if column in log.columns]
+    return step_of(np.concatenate(values), settings)
 
 
 def rounding(step: float) -> float:
@@ -79,7 +88,7 @@ def reading_noise(logs: Sequence[Log], column: str, settings: Settings) -> float
     if not episodes:
         return 0.0
     parts = [part.column(column)[part.fresh] for part in episodes]
-    step = step_of(np.concatenate(parts), settings.encoder)
+    step = step_of(np.concatenate(parts), settings)
     rests = np.concatenate([np.diff(q, ORDER) for q in parts])
     moves = np.concatenate([np.abs(q[ORDER:] - q[:-ORDER]) for q in parts])
     hunts = [hunting_rows(part)[part.fresh] for part in episodes]
@@ -93,18 +102,17 @@ def reading_noise(logs: Sequence[Log], column: str, settings: Settings) -> float
 
 def _repeats(logs: Sequence[Log], names: Sequence[str], settings: Settings) -> dict[str, float]:
     """The scatter of each joint over moments whose commands agree for a second before."""
-    limits = settings.noise_floor
     groups: dict[tuple[str, bytes], list[tuple[int, float, np.ndarray]]] = {}
     number = 0
     for log in logs:
         registers = json.dumps(log.settings, sort_keys=True)
         for part in log.episodes():
             number += 1
-            for when, key, q in _moments(part, names, limits):
+            for when, key, q in _moments(part, names, settings):
                 groups.setdefault((registers, key), []).append((number, when, q))
     squares, freedom = [], []
     for moments in groups.values():
-        values = np.array(_apart(moments, limits.history_s))  # (n, M)
+        values = np.array(_apart(moments, settings.bootstrap.block_s))  # (n, M)
         if len(values) > 1:
             squares.append(((values - values.mean(axis=0)) ** 2).sum(axis=0))
             freedom.append(len(values) - 1)
@@ -115,39 +123,32 @@ def _repeats(logs: Sequence[Log], names: Sequence[str], settings: Settings) -> d
         scatter = np.sqrt(own / number)
         if not scatter.size:
             continue
-        counts = limits.outlier_counts * _count(logs, name, settings.encoder)
-        far = max(limits.outlier_scatter * float(np.median(scatter)), counts)
+        counts = settings.preflight.counts * count_of(logs, name, settings)
+        far = max(settings.preflight.sigmas * float(np.median(scatter)), counts)
         near = scatter <= far
-        if number[near].sum() >= limits.repeats_min:
+        if number[near].sum() >= settings.preflight.rows_min:
             found[name] = float(np.sqrt(own[near].sum() / number[near].sum()))
     return found
 
 
-def _count(logs: Sequence[Log], joint: str, settings: Encoder) -> float:
-    """Return the step between two readings of a joint, 0 if they are not rounded."""
-    column = f"qpos.{joint}"
-    values = [log.column(column)[log.fresh] for log in logs if column in log.columns]
-    return step_of(np.concatenate(values), settings)
-
-
 def _moments(
-    part: Log, names: Sequence[str], settings: NoiseFloor
+    part: Log, names: Sequence[str], settings: Settings
 ) -> list[tuple[float, bytes, np.ndarray]]:
     """Moments of an episode: when, the commands of the second before as a key, and positions."""
     ctrl = np.column_stack([part.column(f"ctrl.{name}") for name in part.actuators])
     on = [part.columns.get(f"torque.{name}", np.ones(len(part))) for name in part.actuators]
     ctrl = np.column_stack([ctrl, *on])
-    history, every = settings.history_s, settings.every_s
-    found = []
+    history, every, found = settings.bootstrap.block_s, settings.noise_floor.every_s, []
+    count = round(2 * history / every)  # of commands that are compared: twice between moments
     for when in np.arange(np.ceil((part.time[0] + history) / every) * every, part.time[-1], every):
-        ticks = np.linspace(when - history, when, settings.compared_moments)
+        ticks = np.linspace(when - history, when, count)
         rows = np.maximum(np.searchsorted(part.time, ticks + TINY, side="right") - 1, 0)
-        key = np.round(ctrl[rows] / settings.same_command).astype(np.int64).tobytes()
+        key = np.round(ctrl[rows] / settings.preflight.same_command).astype(np.int64).tobytes()
         row = int(rows[-1])
         if hunting_rows(part)[rows[0] : row + 1].any():
             continue
         sent = zip(part.actuators, ctrl[rows].T, strict=False)
-        moved = {name: np.ptp(values) > settings.moved for name, values in sent}
+        moved = {name: np.ptp(values) > settings.preflight.moved for name, values in sent}
         q = [
             part.column(f"qpos.{name}")[row] if moved.get(name, any(moved.values())) else np.nan
             for name in names

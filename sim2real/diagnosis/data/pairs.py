@@ -1,5 +1,6 @@
 """Logs and the models they belong to: what they have in common, and how they are named."""
 
+import math
 from collections.abc import Sequence
 
 import mujoco
@@ -8,6 +9,8 @@ from hardware.log import Log
 
 Pairs = list[tuple[Log, mujoco.MjModel]]
 SCALAR = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
+TURN = 2 * math.pi  # rad
+TWELVE_BITS = TURN / 4096  # rad: the count of an encoder of usual servos
 SHOWN = 3  # logs that a sentence names
 
 

@@ -11,7 +11,7 @@ row's before it; at the start of an episode it is the first one.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 
@@ -109,6 +109,20 @@ def check_log(log: Log, model: mujoco.MjModel) -> None:
 def rows_of(log: Log, first: int, last: int) -> Log:
     """Return rows `first` to `last` (exclusive) of a log."""
     return Log({n: c[first:last] for n, c in log.columns.items()}, log.meta, log.path)
+
+
+def episode_rows(log: Log) -> Iterator[slice]:
+    """Yield the rows of each episode of a log."""
+    start = 0
+    for part in log.episodes():
+        yield slice(start, start := start + len(part))
+
+
+def flagged(log: Log, column: str, rows: np.ndarray) -> Log:
+    """Return a log whose column flags rows, (T,) bool; itself where there are none."""
+    if not rows.any():
+        return log
+    return Log({**log.columns, column: rows.astype(float)}, log.meta, log.path)
 
 
 def rows_before(log: Log, row: int) -> Columns | None:

@@ -38,7 +38,7 @@ def refuse_loose_base(log: Log, model: mujoco.MjModel, joints: Sequence[str]) ->
 
 def refuse_clock(log: Log, settings: Settings = DEFAULT) -> None:
     """Raise Sim2RealError for a log whose `time` can be no seconds: a replay would take hours."""
-    least, most = settings.channels.fastest_s, settings.channels.slowest_s
+    least, most = settings.preflight.fastest_s, settings.preflight.slowest_s
     step = float(np.median(np.concatenate([np.diff(part.time) for part in log.episodes()])))
     if not least <= step <= most:
         factor = THOUSAND if step < least else 1 / THOUSAND
@@ -54,7 +54,7 @@ def refuse_sparse(log: Log, settings: Settings = DEFAULT) -> None:
     Whatever runs along the time of a log takes memory in proportion to its length; so that is at
     most `sparse` times what the rows take.
     """
-    most = settings.channels.sparse
+    most = settings.preflight.sparse
     for part in log.episodes():
         steps = np.diff(part.time)
         usual = float(np.median(steps))

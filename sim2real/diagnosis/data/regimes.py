@@ -12,8 +12,8 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from hardware.log import Log
-from sim2real.diagnosis.settings import DEFAULT, TINY
-from sim2real.diagnosis.settings import Regimes as Limits
+from sim2real.diagnosis.data.recording import episode_rows
+from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 
 THIRDS = (1 / 3, 2 / 3)  # of a joint's range, or of the time
 
@@ -27,35 +27,35 @@ class Kind(NamedTuple):
 
 
 def regimes(
-    log: Log, model: mujoco.MjModel | None, joint: str, settings: Limits = DEFAULT.regimes
+    log: Log, model: mujoco.MjModel, joint: str, settings: Settings = DEFAULT
 ) -> Iterator[Kind]:
     """Yield the kinds of moments of one joint, each group a partition or a single kind.
 
     Args:
         log: what was measured and commanded.
-        model: says what load gravity makes; None leaves the load out.
+        model: says what load gravity makes.
         joint: a hinge or slide that was measured.
         settings: what parts the kinds.
     """
     q, actuator = log.column(f"qpos.{joint}"), driver_of(log, model, joint)
-    v = speed(log, joint, settings)
+    v, limits = speed(log, joint, settings), settings.regimes
     names = ("at rest", "slow", "fast")
-    yield from _thirds("speed", names, np.abs(v), settings.rest_speed, settings.rare)
+    yield from _thirds("speed", names, np.abs(v), limits.rest_speed, limits.rare)
     yield Kind("reversal", "reversal", _reversal(log, v, settings))
     low, high = np.quantile(q, THIRDS)
     yield Kind("position", "low position", q < low)
     yield Kind("position", "middle position", (q >= low) & (q <= high))
     yield Kind("position", "high position", q > high)
-    if model is not None and joint in [model.joint(i).name for i in range(model.njnt)]:
+    if joint in [model.joint(i).name for i in range(model.njnt)]:
         load = np.abs(gravity(log, model, joint, settings))
-        if load.max() > settings.load_min:
+        if load.max() > TINY:
             names = ("no load", "some load", "high load")
-            least = settings.load_none * load.max()
-            yield from _thirds("load", names, load, least, settings.rare)
+            least = limits.load_none * load.max()
+            yield from _thirds("load", names, load, least, limits.rare)
     if actuator is not None:
         error = np.abs(log.column(f"ctrl.{actuator}") - q)
         names = ("at its goal", "near its goal", "far from its goal")
-        yield from _thirds("error", names, error, settings.goal_error, settings.rare)
+        yield from _thirds("error", names, error, limits.goal_error, limits.rare)
         on = log.columns.get(f"torque.{actuator}", np.ones(len(log))) > 0
         yield Kind("hold", "hold", held(log, actuator, settings) & on)
         if not on.all():
@@ -66,10 +66,8 @@ def regimes(
     yield Kind("time", "last third of the time", share > THIRDS[1])
 
 
-def driver_of(log: Log, model: mujoco.MjModel | None, joint: str) -> str | None:
-    """Return the logged actuator that drives a joint: as the model says, else of its name."""
-    if model is None:
-        return joint if joint in log.actuators else None
+def driver_of(log: Log, model: mujoco.MjModel, joint: str) -> str | None:
+    """Return the logged actuator that drives a joint."""
     for i in range(model.nu):
         on_joint = model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
         if on_joint and model.joint(int(model.actuator_trnid[i, 0])).name == joint:
@@ -78,18 +76,20 @@ def driver_of(log: Log, model: mujoco.MjModel | None, joint: str) -> str | None:
     return None
 
 
-def speed(log: Log, joint: str, settings: Limits = DEFAULT.regimes) -> np.ndarray:
+def speed(log: Log, joint: str, settings: Settings = DEFAULT) -> np.ndarray:
     """Return the slope of a joint's position, averaged over a moment, (T,)."""
     found = []
     for part in log.episodes():
         raw = np.gradient(part.column(f"qpos.{joint}"), part.time)
-        width = max(1, round(settings.smoothing_s / float(np.median(np.diff(part.time))))) | 1
+        width = (
+            max(1, round(settings.regimes.smoothing_s / float(np.median(np.diff(part.time))))) | 1
+        )
         found.append(uniform_filter1d(raw, width, mode="nearest"))
     return np.concatenate(found)
 
 
 def gravity(
-    log: Log, model: mujoco.MjModel, joint: str, settings: Limits = DEFAULT.regimes
+    log: Log, model: mujoco.MjModel, joint: str, settings: Settings = DEFAULT
 ) -> np.ndarray:
     """Return the torque or force that gravity puts on a joint in the measured poses, (T,)."""
     data = mujoco.MjData(model)
@@ -100,7 +100,7 @@ def gravity(
     }  # a free base stays as the model has it
     poses = np.column_stack([log.column(name) for name in places])
     dof, index = int(model.joint(joint).dofadr[0]), list(places.values())
-    every = max(1, len(poses) // settings.poses_max)  # poses change slowly between rows
+    every = max(1, len(poses) // settings.regimes.poses_max)  # poses change slowly between rows
     found = np.zeros(len(poses[::every]))
     for row, pose in enumerate(poses[::every]):
         data.qpos[index] = pose
@@ -110,35 +110,31 @@ def gravity(
     return np.interp(np.arange(len(poses)), np.arange(len(poses))[::every], found)
 
 
-def held(log: Log, actuator: str, settings: Limits = DEFAULT.regimes) -> np.ndarray:
+def held(log: Log, actuator: str, settings: Settings = DEFAULT) -> np.ndarray:
     """Return where a command has stayed the same for a while, (T,) bool."""
     found = []
     for part in log.episodes():
         ctrl = part.column(f"ctrl.{actuator}")
-        moves = np.concatenate([[True], np.abs(np.diff(ctrl)) > settings.still_command])
+        moves = np.concatenate([[True], np.abs(np.diff(ctrl)) > settings.preflight.same_command])
         since = (
             part.time - part.time[np.maximum.accumulate(np.where(moves, np.arange(len(ctrl)), 0))]
         )
-        found.append(since > settings.held_s)
+        found.append(since > settings.regimes.held_s)
     return np.concatenate(found)
 
 
-def _reversal(log: Log, v: np.ndarray, settings: Limits) -> np.ndarray:
+def _reversal(log: Log, v: np.ndarray, settings: Settings) -> np.ndarray:
     """The moments after a joint turned back."""
-    found, start = [], 0
-    for part in log.episodes():
-        own = v[start : start + len(part)]
-        start += len(part)
-        sign = np.where(np.abs(own) > settings.rest_speed, np.sign(own), 0.0)
+    found = []
+    for rows in episode_rows(log):
+        own, time = v[rows], log.time[rows]
+        sign = np.where(np.abs(own) > settings.regimes.rest_speed, np.sign(own), 0.0)
         moving = np.flatnonzero(sign)
         turns = moving[1:][np.diff(sign[moving]) != 0] if moving.size else moving
-        rows = np.zeros(len(part), bool)
-        for turn in turns:
-            start_s = part.time[turn] - settings.reversal_before_s
-            rows |= (part.time >= start_s) & (
-                part.time < part.time[turn] + settings.reversal_after_s
-            )
-        found.append(rows)
+        since = time - time[turns][:, None]  # (turns, T)
+        limits = settings.regimes
+        near = (since >= -limits.smoothing_s) & (since < limits.reversal_after_s)
+        found.append(near.any(axis=0))
     return np.concatenate(found)
 
 

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from envs.plant import Fixed, Plant
-from envs.replay import DivergedError, replay, switchable
+from envs.plant import Fixed
+from envs.replay import DivergedError, switchable
 from hardware.log import Log
 from sim2real.diagnosis.data.impedance import impedance_of, with_laws
 from sim2real.diagnosis.data.recording import (
@@ -30,6 +30,7 @@ from sim2real.diagnosis.data.recording import (
     with_bus_delay,
 )
 from sim2real.diagnosis.data.refuse import refuse_clock, refuse_sparse
+from sim2real.diagnosis.data.trial import trial
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.figures import COLOURS, INK, figure
 from sim2real.runs.files import write_text
@@ -37,7 +38,6 @@ from sim2real.runs.tables import Table
 
 log_ = logging.getLogger(__name__)
 SHOWN = 4  # logs in the picture
-LARGEST = 2e8  # bytes of positions simulated at once
 
 
 class Gap(NamedTuple):
@@ -98,17 +98,14 @@ def _of_one_model(
     model = delayed.copy().compile()
     episodes = [(number, part) for number, log in enumerate(logs) for part in log.episodes()]
     recordings = [to_recording(part, model) for _, part in episodes]
-    longest = max(recording.time[-1] for recording in recordings) / model.opt.timestep
-    pieces = int(np.ceil(len(recordings) * longest * (model.nq + model.nu) * 8 / LARGEST))
-    paths: list[np.ndarray] = []
-    for rows in np.array_split(np.arange(len(recordings)), max(pieces, 1)):
-        plant = Plant(delayed, num_rows=len(rows), fixed=fixed)
-        try:
-            paths += replay(plant, [recordings[row] for row in rows])
-        except DivergedError as error:
-            number, part = episodes[rows[error.row]]
-            place = f"{logs[number].path}, episode {part.episode[0]}"
-            raise Sim2RealError(f"{place}: {error}") from None
+    paths = trial(delayed, recordings, fixed)
+    for row, ((_, part), recording, path) in enumerate(
+        zip(episodes, recordings, paths, strict=True)
+    ):
+        known = np.isfinite(path).all(axis=1)
+        if not known.all():
+            error = DivergedError(row, float(recording.time[known.argmin()]))
+            raise Sim2RealError(f"{part.path}, episode {part.episode[0]}: {error}")
     for number, log in enumerate(logs):
         columns = positions(log, model)
         own = [path for (of, _), path in zip(episodes, paths, strict=True) if of == number]

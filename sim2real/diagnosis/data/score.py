@@ -37,7 +37,7 @@ class Blocks:
         self.numbers = compact  # (rows,)
         self.count = int(compact.max()) + 1
         self.sizes = np.bincount(compact, minlength=self.count) * len(data.joints)
-        draws, tail = data.settings.bootstrap.draws, data.settings.bootstrap.tail
+        draws, tail = data.settings.bootstrap.draws, data.settings.inference.level
         self.draws = rng.multinomial(self.count, np.full(self.count, 1 / self.count), draws)
         self._tails = tail, 1 - tail
 

@@ -33,7 +33,6 @@ from envs.replay import (
 )
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.lean import lean
-from sim2real.diagnosis.data.memory import Memory
 from sim2real.diagnosis.data.thermal import Heat
 from sim2real.diagnosis.data.together import cores, is_free, is_helper, together
 from sim2real.diagnosis.data.windows import Window
@@ -43,9 +42,8 @@ ACTUATORS = tuple(
     f"actuator_{name}" for name in ("gainprm", "biasprm", "forcerange", "damping", "delay")
 )
 BYTES = 8  # of a number
-# Memory and processes, which no number of an answer depends on.
+# Sizes of batches and processes, which no number of an answer depends on.
 BATCH = 5e7  # bytes of one batch
-MEMORY = 1e8  # bytes of the rows that fits come back to
 SHARED = 24  # rows from which processes share what Python steps
 SHARE = 192  # rows of such a share, at most
 T = TypeVar("T")
@@ -117,9 +115,7 @@ class Simulator:
         models: Sequence[_Lean] | None = None,
     ) -> None:
         self.data, self.fixed, self.threads, self.on_run = data, tuple(fixed), threads, on_run
-        self.settings = data.settings.simulation
         self.heat = Heat(data, self._paths)
-        self.memory = Memory(MEMORY)
         self.work = Work() if work is None else work
         self._models = [_Lean.of(spec) for spec in data.specs] if models is None else models
         self._length = data.mask.shape[1]
@@ -136,11 +132,6 @@ class Simulator:
         padding = np.repeat(window.sample[-1:], self._length - len(window.sample), axis=0)
         sample = np.concatenate([window.sample, padding])  # (T, M)
         return _Plan(schedule(window.recording, dt), readings(sample, dt))
-
-    @property
-    def seconds(self) -> float:
-        """Robot time simulated [s]."""
-        return self.work.seconds
 
     @property
     def steps(self) -> int:
@@ -278,12 +269,10 @@ class Simulator:
         mask = data.mask[windows][..., None]
         error = np.where(mask, (simulated - data.measured[windows]) / data.scale, 0.0)
         slope = np.where(mask, change / motion.dt / data.scale, 0.0)
-        limits = self.settings
-        limit = np.maximum(limits.error_max * self._spread, limits.spread_min) / data.scale
+        spread = np.maximum(self._spread, data.settings.preflight.count_min)
+        limit = data.settings.simulation.error_max * spread / data.scale
         error = np.where(np.isfinite(error), np.clip(error, -limit, limit), limit)
         slope = np.nan_to_num(slope)
-        if data.nuisance is not None:
-            error, slope = (data.nuisance.clear(windows, part) for part in (error, slope))
         self.on_run()
         return Simulated(error, slope, motion.lost)
 

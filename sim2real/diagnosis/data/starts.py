@@ -4,12 +4,22 @@ other = further(data, window, joint, 1e-3)
 start_errors(data, window)                      # (M,) rad/s or m/s
 """
 
+import mujoco
 import numpy as np
 
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.recording import rows_before, rows_of, start_speeds
 from sim2real.diagnosis.data.speeds import NEAR
 from sim2real.diagnosis.data.windows import Window
+
+
+def speeds_at(data: Data, model: mujoco.MjModel, values: np.ndarray) -> np.ndarray:
+    """Return what values (nv,) say of each compared position's speed, (M,).
+
+    A base's turn, of which parts of a quaternion are compared, has none: 0.
+    """
+    dofs = [np.flatnonzero(model.jnt_qposadr == joint.qpos) for joint in data.joints]
+    return np.array([values[model.jnt_dofadr[own]].sum() for own in dofs])
 
 
 def further(data: Data, window: Window, joint: int, by: float) -> Window:
@@ -38,4 +48,4 @@ def start_errors(data: Data, window: Window) -> np.ndarray:
     log, model = data.logs[window.log], data.models[window.model]
     part, before = rows_of(log, window.start, window.last), rows_before(log, window.start)
     _, unsure = start_speeds(part, model, before)
-    return np.array([unsure[model.jnt_dofadr[model.jnt_qposadr == j.qpos][0]] for j in data.joints])
+    return speeds_at(data, model, unsure)

@@ -78,10 +78,7 @@ class Heat:
     def _along(self, number: int, motors: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Return the heat of motors (k,) at a log's rows, (T, G, k) N²·m²·s.
 
-        Args:
-            number: of the log.
-            motors: the actuators.
-            points: loss, decay and braking, (G, 3).
+        `points` are loss, decay and braking, (G, 3).
         """
         full = self._tables(number)[..., motors]
         part = [self._tables(number, int(motor))[..., motor] for motor in motors]
@@ -105,15 +102,7 @@ class Heat:
         point: np.ndarray,
         hot: np.ndarray,
     ) -> np.ndarray:
-        """Return by which factors squared torques change as the other motors weaken, too, (T, k).
-
-        Args:
-            number: of the log.
-            motors: the actuators.
-            squares: while the others have their strength, (S, T, k).
-            point: loss, decay and braking.
-            hot: the motors' heat, (T, k).
-        """
+        """Return by which factors squared torques change as the other motors weaken, (T, k)."""
         windows, left = self._windows(number), np.maximum(1.0 - point[0] * hot, 0.0)
         strengths = np.ones((len(windows), self._data.models[windows[0].model].nu))
         for own, window in zip(strengths, windows, strict=True):
@@ -153,10 +142,6 @@ class Heat:
         """Return the squared torques of motors of which that much strength is left, (n, k).
 
         Those of none are 0; between them they follow the strength's square.
-
-        Args:
-            squares: of motors of each strength, the weakest first, (S, n, k).
-            left: from 0 to 1, (n, k).
         """
         return self._risen(self._rises(squares), left)
 
@@ -179,11 +164,6 @@ class Heat:
         """Return mean squared torques between each row and the next, (S, 2, T, nu) N²·m².
 
         Of torques less the actuators' damping, and of those before it.
-
-        Args:
-            number: of the log.
-            weak: an actuator that has a part of its strength only, the least first; None: the model
-                as given, (1, 2, T, nu).
         """
         key = (number, weak)
         if key not in self._known:
@@ -216,12 +196,7 @@ class Heat:
 
 
 def _spared(both: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return squared torques (S, T, G, k), where a part of the damping may be no current.
-
-    Args:
-        both: less the actuators' damping, and before it, (S, 2, T, k).
-        points: loss, decay and braking, (G, 3).
-    """
+    """Return squared torques (S, T, G, k), where a part of the damping may be no current."""
     share = points[:, 2:]
     return (1.0 - share) * both[:, 0, :, None] + share * both[:, 1, :, None]
 

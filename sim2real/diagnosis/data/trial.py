@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -18,7 +19,13 @@ from envs.plant import Fixed, Plant
 from envs.replay import Recording, schedule, simulate, switchable
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
-from sim2real.diagnosis.data.recording import Columns, rows_before, rows_of, to_recording
+from sim2real.diagnosis.data.recording import (
+    Columns,
+    episode_rows,
+    rows_before,
+    rows_of,
+    to_recording,
+)
 from sim2real.diagnosis.data.speeds import NEAR
 from sim2real.diagnosis.data.windows import hunting_rows
 
@@ -74,17 +81,14 @@ def choose(logs: Sequence[Log], seconds: float, most: int) -> list[Piece]:
     """
     found: list[tuple[int, int, int, dict[str, float]]] = []
     for number, log in enumerate(logs):
-        start = 0
-        for part in log.episodes():
-            moments = np.arange(part.time[0], part.time[-1], seconds) - ROUNDING
-            ends = np.searchsorted(part.time, moments)
-            for first, last in zip(ends, [*ends[1:], len(part)], strict=True):
+        for own in episode_rows(log):
+            time = log.time[own]
+            ends = np.searchsorted(time, np.arange(time[0], time[-1], seconds) - ROUNDING)
+            for first, last in pairwise([*(own.start + ends).tolist(), own.stop]):
                 if last - first >= 2 * NEAR + 1:
-                    stir = {
-                        n: float(part.column(f"ctrl.{n}")[first:last].std()) for n in log.actuators
-                    }
-                    found.append((number, start + int(first), start + int(last), stir))
-            start += len(part)
+                    ctrl = {n: log.column(f"ctrl.{n}")[first:last] for n in log.actuators}
+                    stir = {n: float(values.std()) for n, values in ctrl.items()}
+                    found.append((number, first, last, stir))
     hunts = [hunting_rows(log) for log in logs]
     found = [one for one in found if not hunts[one[0]][one[1] : one[2]].any()] or found
     best = {

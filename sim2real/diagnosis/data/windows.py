@@ -18,8 +18,14 @@ from envs.models import FREE
 from envs.replay import Recording
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
-from sim2real.diagnosis.data.beginning import first_row
-from sim2real.diagnosis.data.recording import rows_before, rows_of, to_recording
+from sim2real.diagnosis.data.recording import (
+    columns_of,
+    episode_rows,
+    rows_before,
+    rows_of,
+    to_recording,
+)
+from sim2real.diagnosis.data.speeds import NEAR
 from sim2real.diagnosis.settings import DEFAULT, TINY, Windows
 from sim2real.runs.errors import Sim2RealError
 
@@ -82,30 +88,30 @@ def cut(
     """
     servo = all(is_driven(models[0], joint.qpos) for joint in joints)
     state = settings.unsure_s if unsure(logs, models, joints) else settings.state_s
-    parts = [(n, part) for n, log in enumerate(logs) for part in log.episodes()]
-    total = sum(part.time[-1] - part.time[0] for _, part in parts)
-    windows, start, before = [], 0, -1
-    counts = {joint.name: joint.count for joint in joints}
-    for number, part in parts:
-        start = start if number == before else 0
-        before = number
+    parts = [
+        (n, part, own.start)
+        for n, log in enumerate(logs)
+        for part, own in zip(log.episodes(), episode_rows(log), strict=True)
+    ]
+    total = sum(part.time[-1] - part.time[0] for _, part, _ in parts)
+    windows = []
+    for number, part, start in parts:
         slow = min(total / settings.windows_max, _pace(part, settings))
         most, usual = max(settings.longest_s, slow), total / settings.windows_usual
         length = float(np.clip(usual, settings.shortest_s, most)) if servo else state
         pieces = max(1, round(float(part.time[-1] - part.time[0]) / length))
         cuts = _cuts(part, joints, pieces, settings) if servo else _even(part, pieces)
-        cuts[0] = first_row(part, models[which[number]], counts, settings)
+        cuts[0] = _first_row(part, models[which[number]])
         for first, last in pairwise(_anew(part, cuts, settings)):
             ahead = settings.warm_s if servo else 0.0
             warm = int(np.searchsorted(part.time, part.time[first] - ahead - ROUNDING))
             warm = max(warm, int(cuts[0]))
             last = warm + _calm_rows(part, warm, last, settings)
             rows = (start + warm, start + first, start + last)
-            if last - first > 1 and _free(part, first, last, settings.blocked_share):
+            if last - first > 1 and _free(part, first, last):
                 own = which[number]
                 log, model = logs[number], models[own]
                 windows.append(cut_one(log, number, own, model, joints, rows, settings))
-        start += len(part)
     empty = [n for n in range(len(logs)) if all(window.log != n for window in windows)]
     if empty:
         place = logs[empty[0]].path or f"log {empty[0] + 1} of {len(logs)}"
@@ -114,6 +120,22 @@ def cut(
             f"short, or {BLOCKED} is set in most rows; record a few seconds, or remove it"
         )
     return windows
+
+
+def _first_row(part: Log, model: mujoco.MjModel) -> int:
+    """Return the row at which an episode's first replay starts.
+
+    It may begin in motion. Where no servo moves a joint and no column holds its speed, only rows
+    with neighbours on both sides tell how fast it is.
+    """
+    for joint in range(model.njnt):
+        places, speeds = columns_of(model, joint)
+        known = is_driven(model, int(model.jnt_qposadr[joint])) or all(
+            f"qvel.{name}" in part.columns for name in speeds
+        )
+        if not known and any(f"qpos.{name}" in part.columns for name in places):
+            return NEAR if len(part) > 4 * NEAR else 0
+    return 0
 
 
 def _pace(part: Log, settings: Windows) -> float:
@@ -128,9 +150,9 @@ def _pace(part: Log, settings: Windows) -> float:
     return min(2 * seconds / (max(turns, default=0) + 1), settings.slowest_s)
 
 
-def _free(part: Log, first: int, last: int, most: float) -> bool:
+def _free(part: Log, first: int, last: int) -> bool:
     """Return whether nothing is in the robot's way in most of some rows."""
-    return BLOCKED not in part.columns or part.columns[BLOCKED][first:last].mean() < most
+    return BLOCKED not in part.columns or 2 * part.columns[BLOCKED][first:last].mean() < 1
 
 
 def _anew(part: Log, cuts: np.ndarray, settings: Windows) -> np.ndarray:
@@ -186,8 +208,9 @@ def _cuts(part: Log, joints: Sequence[Joint], pieces: int, settings: Windows) ->
         command = part.column(f"ctrl.{name}")
         spread = max(float(command.std()), TINY)
         unrest += np.abs(np.gradient(command, time)) / spread
+    for name in part.actuators:  # a row without torque is less calm than any other
         if f"torque.{name}" in part.columns:
-            unrest += settings.off_unrest * (part.column(f"torque.{name}") <= 0)
+            unrest += unrest.max() * (part.column(f"torque.{name}") <= 0)
     rate = (len(time) - 1) / (time[-1] - time[0])
     warm, width = max(1, round(settings.warm_s * rate)), settings.unrest_rows
     smooth = np.convolve(unrest, np.ones(width) / width, "same")

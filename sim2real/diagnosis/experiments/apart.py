@@ -13,12 +13,13 @@ over joints. Nobody knows which explanation is the robot, so of each of the P pa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import combinations
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from scipy.optimize import least_squares
 
 from envs.effects import merge_effects
 from envs.plant import Fixed
@@ -26,9 +27,7 @@ from envs.replay import Recording
 from sim2real.diagnosis.data.trial import trial
 
 CHANGE = 0.05  # of a value's distance from neutral: what a sensitivity is taken over
-TURNS = 4  # of Gauss and Newton: a refit of one to four values has settled by then
-SHRINK = 0.25  # a step that makes things worse is tried again at this size
-TRIES = 3  # such tries
+TURNS = 6  # simulations of a refit, but for its slopes: one of one to four values has settled then
 
 
 class Member(NamedTuple):
@@ -132,59 +131,36 @@ class _View(NamedTuple):
 
 def _settled(robot: Member, member: Member, motion: Recording, asked: Asked) -> float:
     """Return what is left of a robot's motion once a member has refitted, in noise floors."""
-    target = _predicted(robot.fixed, _flat(robot.fixed), [motion], asked)
+    told = _predicted(robot.fixed, _flat(robot.fixed), [motion], asked)
     sizes, ends = _sizes(member.fixed, asked.spec), _ends(member.fixed, asked.spec)
-    rows = len(target[0])
 
     def off(values: np.ndarray) -> np.ndarray:
-        return np.concatenate(target) - np.concatenate(
-            _predicted(member.fixed, values, [motion], asked)
-        )
+        made = _predicted(member.fixed, values, [motion], asked)
+        return np.concatenate(told) - np.concatenate(made)
 
-    values = _flat(member.fixed)
-    error = off(values)
-    for _ in range(TURNS):
-        steps = _within(values, sizes, ends)
-        places = np.flatnonzero(steps)
-        slopes = [(error - off(values + steps * _unit(values, p))) / steps[p] for p in places]
-        if not slopes or not (np.isfinite(error).all() and np.isfinite(slopes).all()):
-            break
-        step = np.zeros(len(values))
-        step[places] = np.linalg.lstsq(np.stack(slopes, axis=-1), error, rcond=None)[0]
-        better = _better(values, step, off, float(error @ error), ends)
-        if better is None:
-            break
-        values, error = better
-    return _size(error[:rows], len(motion.time))
+    def slopes(values: np.ndarray) -> np.ndarray:
+        error, steps = off(values), _within(values, sizes, ends)
+        moved = [off(values + step * _unit(values, k)) - error for k, step in enumerate(steps)]
+        return np.nan_to_num(np.stack(moved, axis=-1)) / np.where(steps, steps, 1.0)
 
-
-def _better(
-    values: np.ndarray,
-    step: np.ndarray,
-    off: Callable[[np.ndarray], np.ndarray],
-    least: float,
-    ends: tuple[np.ndarray, np.ndarray],
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return values a step further and their error; None where no part of the step helps."""
-    for attempt in range(TRIES):
-        moved = np.clip(values + SHRINK**attempt * step, *ends)
-        error = off(moved)
-        if np.isfinite(error).all() and error @ error < least:
-            return moved, error
-    return None
+    first = _flat(member.fixed)
+    error = off(first)
+    if np.isfinite(error).all():
+        error = least_squares(
+            off,
+            first,
+            jac=slopes,  # type: ignore[arg-type]
+            bounds=ends,
+            x_scale=sizes,
+            max_nfev=TURNS,
+        ).fun
+    return _size(error[: len(told[0])], len(motion.time))
 
 
 def _predicted(
     fixed: Sequence[Fixed], values: np.ndarray, motions: Sequence[Recording], asked: Asked
 ) -> list[np.ndarray]:
-    """Return what encoders tell of each motion and, last, of the past, in noises.
-
-    Args:
-        fixed: the effects.
-        values: in the place of theirs, (P,).
-        motions: the new ones.
-        asked: see `Asked`.
-    """
+    """Return what encoders tell of each motion and, last, of the past, in noises."""
     columns, noise = list(asked.noise), np.array(list(asked.noise.values()))
     effects = merge_effects(asked.fixed, _at(fixed, values))
     if asked.changed is None:

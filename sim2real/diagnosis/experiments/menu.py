@@ -7,6 +7,7 @@ item.change(spec)               # the same to a model
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import mujoco
@@ -21,6 +22,8 @@ from sim2real.diagnosis.settings import DEFAULT
 from sim2real.diagnosis.settings import Experiment as Limits
 
 GRAM = 1e-3  # kg
+HALF = 0.5  # of the P gain
+LEAD, SPHERE = 11_340.0, 4 / 3 * np.pi  # kg/m^3; volume of a ball of radius 1
 LENGTHS = (0.5, 1.0, 2.0)  # of drawn motions, in lengths of the menu's
 SEEDS = 2**31  # of drawn motions: fewer than so many
 
@@ -69,7 +72,7 @@ def drawn(
     for _ in range(count):
         kinds = rng.permutation(list(WORDS))[: rng.integers(1, 3)]
         motions: tuple[Kind, ...] = tuple(kind for kind in WORDS if kind in kinds)
-        size = float(np.exp(rng.uniform(np.log(settings.size_min), np.log(settings.size_max))))
+        size = float(np.exp(rng.uniform(np.log(settings.size_min), np.log(1 - settings.edge))))
         seconds = float(settings.motion_s * rng.choice(LENGTHS))
         name = f"{' and '.join(WORDS[kind] for kind in motions)}, {size:.0%} of the way"
         found.append(Item(name, motions, seconds, round(size, 3), int(rng.integers(SEEDS))))
@@ -86,8 +89,8 @@ def menu(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> list[Ite
         *usual,
         settings.gain_s,
         "halve the P gain",
-        _scaled_gain(settings.gain),
-        lambda robot: f"robot.registers.position_p_gain={_lower_gain(robot, settings)}",
+        partial(_scale_gain, HALF),
+        lambda robot: f"robot.registers.position_p_gain={_lower_gain(robot)}",
     )
     supply = Item(
         f"steps and a chirp at {settings.supply:.0%} of the supply",
@@ -95,7 +98,7 @@ def menu(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> list[Ite
         *usual,
         settings.hand_s,
         f"lower the supply's voltage to {settings.supply:.0%}",
-        _scaled_supply(settings.supply),
+        partial(_scale_supply, settings.supply),
     )
     mass, degrees = _spare_mass(spec, settings), np.rad2deg(settings.tilt)
     load = Item(
@@ -104,7 +107,7 @@ def menu(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> list[Ite
         *usual,
         settings.hand_s,
         f"fix {mass / GRAM:.0f} g to the end of the last link",
-        _loaded(mass, settings.load_radius),
+        partial(_load, mass),
     )
     tilt = Item(
         f"ramps and holds with the base tilted by {degrees:.0f} degrees",
@@ -112,15 +115,15 @@ def menu(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> list[Ite
         *usual,
         settings.hand_s,
         f"tilt the base by {degrees:.0f} degrees about its y axis",
-        _tilted(settings.tilt),
+        partial(_tilt, settings.tilt),
     )
     return [*found, gain, supply, *([load] if mass > 0 else []), tilt]
 
 
-def _lower_gain(robot: Robot, settings: Limits) -> int:
+def _lower_gain(robot: Robot) -> int:
     known = [{**servo.type.defaults, **robot.registers_of(servo)} for servo in robot.servos]
     gains = [registers["position_p_gain"] for registers in known]
-    return max(1, round(settings.gain * float(np.median(gains))))
+    return max(1, round(HALF * float(np.median(gains))))
 
 
 def _servos(spec: mujoco.MjSpec) -> list[int]:
@@ -128,35 +131,24 @@ def _servos(spec: mujoco.MjSpec) -> list[int]:
     return [i for i in range(model.nu) if is_joint_servo(model, i)]
 
 
-def _scaled_gain(factor: float) -> Callable[[mujoco.MjSpec], None]:
+def _scale_gain(factor: float, spec: mujoco.MjSpec) -> None:
     """Scale the position gains; what brakes stays."""
-
-    def change(spec: mujoco.MjSpec) -> None:
-        for i in _servos(spec):
-            gain, bias = (
-                np.array(p) for p in (spec.actuators[i].gainprm, spec.actuators[i].biasprm)
-            )
-            gain[0], bias[1] = factor * gain[0], factor * bias[1]
-            spec.actuators[i].gainprm, spec.actuators[i].biasprm = gain, bias
-
-    return change
+    for i in _servos(spec):
+        gain, bias = (np.array(p) for p in (spec.actuators[i].gainprm, spec.actuators[i].biasprm))
+        gain[0], bias[1] = factor * gain[0], factor * bias[1]
+        spec.actuators[i].gainprm, spec.actuators[i].biasprm = gain, bias
 
 
-def _scaled_supply(factor: float) -> Callable[[mujoco.MjSpec], None]:
+def _scale_supply(factor: float, spec: mujoco.MjSpec) -> None:
     """Scale gain and largest torque: both go with the voltage, back-EMF does not."""
-
-    def change(spec: mujoco.MjSpec) -> None:
-        _scaled_gain(factor)(spec)
-        for i in _servos(spec):
-            spec.actuators[i].forcerange = factor * np.array(spec.actuators[i].forcerange)
-
-    return change
+    _scale_gain(factor, spec)
+    for i in _servos(spec):
+        spec.actuators[i].forcerange = factor * np.array(spec.actuators[i].forcerange)
 
 
 def _last_body(spec: mujoco.MjSpec) -> int:
-    """The moving body furthest down the tree."""
-    model = spec.copy().compile()
-    return model.nbody - 1
+    """Return the body furthest down the tree."""
+    return spec.copy().compile().nbody - 1
 
 
 def _spare_mass(spec: mujoco.MjSpec, settings: Limits) -> float:
@@ -179,32 +171,17 @@ def _moves(model: mujoco.MjModel, body: int, joints: set[int]) -> bool:
     return False
 
 
-def _loaded(mass: float, radius: float) -> Callable[[mujoco.MjSpec], None]:
-    """Put a ball at the far end of the last body."""
-
-    def change(spec: mujoco.MjSpec) -> None:
-        index = _last_body(spec)
-        model = spec.copy().compile()
-        place = far_end(model, index)
-        body = spec.body(model.body(index).name) if model.body(index).name else spec.bodies[index]
-        load = body.add_body(pos=place)
-        load.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_SPHERE,
-            size=[radius, 0, 0],
-            mass=mass,
-            contype=0,
-            conaffinity=0,
-        )
-
-    return change
+def _load(mass: float, spec: mujoco.MjSpec) -> None:
+    """Put a ball of lead at the far end of the last body."""
+    index, model = _last_body(spec), spec.copy().compile()
+    body = spec.body(model.body(index).name) if model.body(index).name else spec.bodies[index]
+    load = body.add_body(pos=far_end(model, index))
+    size, ball = [np.cbrt(mass / LEAD / SPHERE), 0, 0], mujoco.mjtGeom.mjGEOM_SPHERE
+    load.add_geom(type=ball, size=size, mass=mass, contype=0, conaffinity=0)
 
 
-def _tilted(angle: float) -> Callable[[mujoco.MjSpec], None]:
+def _tilt(angle: float, spec: mujoco.MjSpec) -> None:
     """Tilt the base about its y axis: gravity turns the other way."""
-
-    def change(spec: mujoco.MjSpec) -> None:
-        x, y, z = spec.option.gravity
-        c, s = np.cos(angle), np.sin(angle)
-        spec.option.gravity = np.array([c * x + s * z, y, c * z - s * x])
-
-    return change
+    x, y, z = spec.option.gravity
+    c, s = np.cos(angle), np.sin(angle)
+    spec.option.gravity = np.array([c * x + s * z, y, c * z - s * x])

@@ -28,7 +28,8 @@ from envs.replay import Recording
 from hardware.config import NO_MODEL, Robot, load_robot
 from hardware.excite import ExcitationPlan, excite
 from sim2real.diagnosis.data.noise_floor import rounding
-from sim2real.diagnosis.data.pairs import is_scalar
+from sim2real.diagnosis.data.pairs import TWELVE_BITS, is_scalar
+from sim2real.diagnosis.data.recording import home
 from sim2real.diagnosis.data.trial import trial
 from sim2real.diagnosis.experiments.apart import Asked, Member, pairs, refitted, separation
 from sim2real.diagnosis.experiments.menu import Item, drawn, menu
@@ -110,7 +111,7 @@ def next_experiment(
     ]
     together = [item for item in items if item.change is None]  # one batch: the same model
     apart = [item for item in items if item.change is not None and by_hand]
-    asked = Asked(spec, _noise(spec, floor, settings), tuple(past), tuple(fixed))
+    asked = Asked(spec, _noise(spec, floor), tuple(past), tuple(fixed))
     scores = [
         scored
         for group in ([together], [[item] for item in apart])
@@ -218,9 +219,9 @@ def stand_in(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> Robo
     return replace(known, name="model", model=NO_MODEL, servos=tuple(servos))
 
 
-def _noise(spec: mujoco.MjSpec, floor: Mapping[str, float], settings: Limits) -> dict[int, float]:
+def _noise(spec: mujoco.MjSpec, floor: Mapping[str, float]) -> dict[int, float]:
     """Return the noise of one reading by column of the state [rad or m]."""
-    model, least = spec.copy().compile(), rounding(settings.count)
+    model, least = spec.copy().compile(), rounding(TWELVE_BITS)
     return {
         int(model.jnt_qposadr[i]): max(floor.get(model.joint(i).name, 0.0), least)
         for i in range(model.njnt)
@@ -266,9 +267,7 @@ def record_of(
     item: Item, model: mujoco.MjModel, robot: Robot, settings: Limits = DEFAULT.experiment
 ) -> Recording:
     """Return a motion as a recording of commands, from rest in the robot's middle pose."""
-    home = next((k for k in range(model.nkey) if model.key(k).name == "home"), None)
-    qpos = np.array(model.qpos0 if home is None else model.key_qpos[home])
-    ctrl = np.zeros(model.nu) if home is None else np.array(model.key_ctrl[home])
+    qpos, ctrl = home(model)
     columns = [int(model.actuator(name).id) for name in robot.names]
     limits = np.array([servo.position for servo in robot.servos])
     pose = np.clip(ctrl[columns], *limits.T)

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hardware.log import Log
-from sim2real.diagnosis.data.recording import columns_of, home
+from sim2real.diagnosis.data.recording import columns_of, episode_rows, home
 from sim2real.diagnosis.ground.base import Base, Imu, base_of, imu_of
 from sim2real.diagnosis.ground.feet import feet_of
 from sim2real.diagnosis.ground.leaning import leant
@@ -71,12 +71,8 @@ def estimated(log: Log, model: mujoco.MjModel, settings: Ground) -> Estimate | N
     imu = imu_of(log, model, base)
     felt = imu is not None and (imu.orientation is not None or _can_integrate(imu))
     parts = []
-    start = 0
-    for part in log.episodes():
-        rows = slice(start, start + len(part))
-        start += len(part)
-        own = _some(imu, rows) if felt else None
-        made = _episode(part, model, base, own, settings)
+    for part, rows in zip(log.episodes(), episode_rows(log), strict=True):
+        made = _episode(part, model, base, _some(imu, rows) if felt else None, settings)
         if made is None:
             raise Sim2RealError(_refusal(log, model, base))
         parts.append(made)
@@ -135,7 +131,7 @@ def _episode(
         if how is None:
             return None
         qpos[:, base.turn], qvel[:, base.spin] = how
-        slope[:, base.spin] = settings.spin_doubt if imu is not None else settings.lean_spin_doubt
+        slope[:, base.spin] = settings.speed_doubt if imu is not None else settings.lean_spin_doubt
     feet = feet_of(model, base, qpos, qvel)
     felt = _felt(part.time, qpos, qvel, model, base, imu)
     walk = walked(part.time, feet, Push(felt, _flight(model, base)), settings)

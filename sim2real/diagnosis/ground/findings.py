@@ -11,9 +11,10 @@ from collections.abc import Iterator, Sequence
 import mujoco
 import numpy as np
 from scipy.ndimage import convolve1d
-from scipy.optimize import minimize
+from scipy.optimize import brute
 from scipy.spatial.transform import Rotation
 
+from sim2real.diagnosis.data.recording import episode_rows
 from sim2real.diagnosis.ground.base import imu_of
 from sim2real.diagnosis.ground.estimate import Estimate
 from sim2real.diagnosis.ground.turns import level, slopes
@@ -22,6 +23,8 @@ from sim2real.diagnosis.settings import TINY, Ground
 
 MILLI = 1e-3
 MANY = 3  # soles that determine a plane
+SIMPSON = (1 / 6, 2 / 3, 1 / 6)  # weights of three rows, whose mean a slope over them is
+EDGE = 2  # rows at either end of an episode that have no slope of a slope
 
 
 def check_ground(
@@ -72,7 +75,7 @@ def _slips(
         name = model.geom(sole).name or model.body(int(model.geom_bodyid[sole])).name
         if touch[:, i].mean() > settings.seen:
             shares[name] = float(slip[touch[:, i], i].mean())
-    often = {name: share for name, share in shares.items() if share > settings.slips}
+    often = {name: share for name, share in shares.items() if share > settings.told_share}
     if often:
         slipping = ", ".join(f"{name} {share:.0%}" for name, share in often.items())
         yield Finding(
@@ -87,19 +90,17 @@ def _slips(
 
 def _gyros(pairs: Sequence[tuple[Estimate, mujoco.MjModel]], settings: Ground) -> Iterator[Finding]:
     """Bias, scale and latency of a gyro, against the slope of the orientation."""
-    said, turned, steps, edge = [], [], [], settings.edge
+    said, turned, steps, edge = [], [], [], EDGE
     for estimate, model in pairs:
         imu = imu_of(estimate.log, model, estimate.base)
         if imu is None or imu.gyro is None or imu.orientation is None:
             return
-        start = 0
-        for part in estimate.log.episodes():
-            rows = slice(start, start + len(part))
-            start += len(part)
+        for rows in episode_rows(estimate.log):
+            time = estimate.log.time[rows]
             turn = Rotation.from_quat(imu.orientation[rows], scalar_first=True)
-            said.append(convolve1d(imu.gyro[rows], settings.smoothing, axis=0)[edge:-edge])
-            turned.append(slopes(part.time, turn))
-            steps.append(float(np.median(np.diff(part.time))))
+            said.append(convolve1d(imu.gyro[rows], SIMPSON, axis=0)[edge:-edge])
+            turned.append(slopes(time, turn))
+            steps.append(float(np.median(np.diff(time))))
     truth = np.concatenate([one[edge:-edge] for one in turned])
     gyro, step = np.concatenate(said), float(np.median(steps))
     shift = np.concatenate([np.gradient(one, axis=0)[edge:-edge] for one in turned]) / step
@@ -108,11 +109,11 @@ def _gyros(pairs: Sequence[tuple[Estimate, mujoco.MjModel]], settings: Ground) -
         (scale, late, bias), *_ = np.linalg.lstsq(ways, gyro[:, axis], rcond=None)
         late /= scale if abs(scale) > TINY else 1.0
         spread = float(truth[:, axis].std())
-        if abs(bias) > settings.bias_rad_s:
+        if abs(bias) > settings.told_rad:
             yield _imu(f"gyro.{name}", f"is off by {bias:.2g} rad/s", "subtract that")
-        if spread > settings.bias_rad_s and abs(scale - 1) > settings.scale_off:
+        if spread > settings.told_rad and abs(scale - 1) > settings.told_share:
             yield _imu(f"gyro.{name}", f"is {scale:.3g} times too large", f"divide by {scale:.3g}")
-        if spread > settings.bias_rad_s and abs(late) > settings.late_s:
+        if spread > settings.told_rad and abs(late) > settings.late_s:
             word = "behind" if late > 0 else "ahead of"
             text = f"comes {abs(late) / MILLI:.0f} ms {word} the orientation"
             yield _imu(f"gyro.{name}", text, "look at its filter, or at the orientation's")
@@ -141,11 +142,9 @@ def _tilts(pairs: Sequence[tuple[Estimate, mujoco.MjModel]], settings: Ground) -
         gap = np.sort(places[..., 2] + turn[0] * places[..., 1] - turn[1] * places[..., 0], axis=1)
         return float((gap[:, 1] - gap[:, 0]).mean())
 
-    reach = np.linspace(-settings.tilt_most, settings.tilt_most, settings.tilt_grid)
-    best = min(((x, y) for x in reach for y in reach), key=lambda one: apart(np.array(one)))
-    turn = minimize(apart, np.array(best), method="Nelder-Mead").x
+    turn = brute(apart, 2 * [(-settings.tilt_most, settings.tilt_most)])
     better = apart(turn) < settings.tilt_better * apart(np.zeros(2))
-    if better and float(np.linalg.norm(turn)) > settings.tilt_rad:
+    if better and float(np.linalg.norm(turn)) > settings.told_rad:
         yield Finding(
             "imu",
             "orientation",

@@ -145,7 +145,7 @@ def _heights(
     rise = (climb[1:] + climb[:-1]) / 2 * np.diff(time)
     weight = still / settings.sole_m**2
     curve, down = weight.sum(axis=1), -(weight * feet.gap).sum(axis=1)
-    stiff = np.full(len(rise), 1.0 / settings.rise_m**2)
+    stiff = np.full(len(rise), 1.0 / settings.sole_m**2)
     blocks = curve + settings.prior
     blocks[:-1] += stiff
     blocks[1:] += stiff

@@ -2,6 +2,7 @@
 
     unknown = unknowns(estimate, model, row, settings)      # D directions of the state
     moved(model, recording, unknown, amounts)               # (D,), in standard deviations
+    clear_starts(error, ways, noise)                        # errors that no start can cause
 
 The unknowns are the base's height, turn and speeds, and the joints' positions and speeds.
 """
@@ -53,8 +54,8 @@ def unknowns(estimate: Estimate, model: mujoco.MjModel, row: int, settings: Grou
         add(
             axes[dof],
             False,
-            settings.reading_doubt + settings.late_doubt * usual,
-            settings.reading_doubt,
+            settings.error_rad + settings.late_doubt * usual,
+            settings.error_rad,
         )
         add(axes[dof], True, settings.speed_doubt + jump, float(estimate.slope[row, dof]))
     return Unknowns(np.array(place), np.array(speed), np.array(known))
@@ -79,3 +80,21 @@ def moved(
     qpos = recording.qpos.copy()
     mujoco.mj_integratePos(model, qpos, amounts @ unknown.place, 1.0)
     return recording._replace(qpos=qpos, qvel=recording.qvel + amounts @ unknown.speed)
+
+
+def clear_starts(error: np.ndarray, ways: np.ndarray, noise: float) -> np.ndarray:
+    """Return errors without what starts may cause, (W, T, M).
+
+    Their covariance is R + S S', R that of the noise and S the change by one standard deviation of
+    each unknown. They are multiplied by the symmetric root of R (R + S S')^-1.
+
+    Args:
+        error: of the windows, (W, T, M).
+        ways: S, (W, T, M, D).
+        noise: standard deviation of each error.
+    """
+    count = len(error)
+    left, size, _ = np.linalg.svd(ways.reshape(count, -1, ways.shape[3]), full_matrices=False)
+    gone = 1 - 1 / np.hypot(1.0, size / noise)  # (W, D)
+    along = np.einsum("wnd,wn->wd", left, error.reshape(count, -1))
+    return error - np.einsum("wnd,wd->wn", left, gone * along).reshape(error.shape)

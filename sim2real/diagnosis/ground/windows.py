@@ -5,8 +5,8 @@
 Each window is simulated from its start and from starts that are off by one standard deviation of
 each unknown. Where the model explains the rest, a damped Gauss-Newton step moves the start to where
 it follows encoders and IMU best (a smoother over MuJoCo's own dynamics, as long as a window): a
-wrong model would move it to a wrong place. What the unknowns change is taken out of all errors
-(`nuisance`).
+wrong model would move it to a wrong place. What the unknowns change is left to the likelihood
+(`Data.starts`).
 """
 
 from collections.abc import Sequence
@@ -16,12 +16,11 @@ import numpy as np
 
 from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.data.nuisance import Nuisance, marginal
 from sim2real.diagnosis.data.simulate import errors_as_given
 from sim2real.diagnosis.data.windows import Joint, Window, cut_one
 from sim2real.diagnosis.ground.estimate import Estimate
-from sim2real.diagnosis.ground.pushes import is_pushed, rows_of, weights
-from sim2real.diagnosis.ground.starts import Unknowns, moved, unknowns
+from sim2real.diagnosis.ground.pushes import is_pushed, rows_of
+from sim2real.diagnosis.ground.starts import Unknowns, clear_starts, moved, unknowns
 from sim2real.diagnosis.ground.turns import heading, level
 from sim2real.diagnosis.settings import Ground
 
@@ -39,30 +38,20 @@ def grounded(data: Data, estimates: Sequence[Estimate], fixed: Sequence[Fixed] =
     """
     settings = data.settings.ground
     joints = _joints(data, estimates, settings)
-    which = [next(w.model for w in data.windows if w.log == n) for n in range(len(data.logs))]
     plain = replace(data, joints=tuple(joints))
     windows, doubts = [], []
     for number, estimate in enumerate(estimates):
-        model = data.models[which[number]]
+        model = data.models[data.which[number]]
         for rows in rows_of(estimate, settings):
-            window = _window(plain, number, which[number], estimate, rows)
+            window = _window(plain, number, estimate, rows)
             windows.append(window)
             doubts.append(unknowns(estimate, model, rows[0], settings))
     cut = plain.with_windows(windows)
-    noise = np.full(len(joints), settings.error_rad)
     error, ways = _responses(cut, doubts, fixed)
-    nuisance = marginal(ways, noise)
-    if _gap(cut, nuisance, error) < settings.trusted_rad:
-        cut = _refined(cut, doubts, error, ways, noise, fixed)
-    left = nuisance.clear(np.arange(len(error)), error)
-    done = replace(cut, nuisance=nuisance.weighed(weights(cut, left)))
-    return done.only(np.flatnonzero(~is_pushed(cut, left)))
-
-
-def _gap(data: Data, nuisance: Nuisance, error: np.ndarray) -> float:
-    """Return the root mean square of what starts cannot cause of errors (W, T, M)."""
-    left = nuisance.clear(np.arange(len(error)), error)
-    return float(np.sqrt(data.mean_squares(left).mean()))
+    left = clear_starts(error, ways, settings.error_rad)
+    if np.sqrt(cut.mean_squares(left).mean()) < 2 * settings.error_rad:  # it may be trusted
+        cut = _refined(cut, doubts, error, ways, fixed)
+    return replace(cut, starts=ways).only(np.flatnonzero(~is_pushed(cut, left)))
 
 
 def _joints(data: Data, estimates: Sequence[Estimate], settings: Ground) -> list[Joint]:
@@ -74,7 +63,7 @@ def _joints(data: Data, estimates: Sequence[Estimate], settings: Ground) -> list
         found = [joint._replace(scale=1.0) for joint in found]
     if base.is_free and _is_felt(estimates):
         name, first = model.joint(base.joints[0]).name, int(base.turn[0])
-        floor = HALF * settings.turn_floor
+        floor = HALF * settings.error_rad
         for k in PARTS:
             column = np.concatenate([e.log.column(f"qpos.{name}.{k}") for e in estimates])
             place, spread = first + k - 3, float(column.std())
@@ -87,11 +76,9 @@ def _is_felt(estimates: Sequence[Estimate]) -> bool:
     return all(estimate.felt for estimate in estimates)
 
 
-def _window(
-    data: Data, number: int, which: int, estimate: Estimate, rows: tuple[int, int, int]
-) -> Window:
+def _window(data: Data, number: int, estimate: Estimate, rows: tuple[int, int, int]) -> Window:
     """Return a window with the estimated state at its start, its heading 0."""
-    base, (start, first, last) = estimate.base, rows
+    base, (start, first, last), which = estimate.base, rows, data.which[number]
     measured = [joint for joint in data.joints if f"qpos.{joint.name}" in data.logs[number].columns]
     window = cut_one(data.logs[number], number, which, data.models[which], measured, rows)
     qpos, qvel = estimate.qpos[start].copy(), estimate.qvel[start].copy()
@@ -117,9 +104,8 @@ def _responses(
     data: Data, doubts: Sequence[Unknowns], fixed: Sequence[Fixed]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return errors (W, T, M), and their change by one deviation of each unknown (W, T, M, D)."""
-    step = data.settings.ground.difference
     count = len(doubts[0].place)
-    steps = np.vstack([np.zeros(count), step * np.eye(count)])
+    steps = np.vstack([np.zeros(count), np.eye(count)])
     starts = [
         window._replace(
             recording=moved(data.models[window.model], window.recording, doubt, amounts)
@@ -129,7 +115,7 @@ def _responses(
     ]
     error = errors_as_given(data, starts, fixed)
     error = error.reshape(len(doubts), len(steps), *error.shape[1:])
-    return error[:, 0], np.moveaxis((error[:, 1:] - error[:, :1]) / step, 1, -1)
+    return error[:, 0], np.moveaxis(error[:, 1:] - error[:, :1], 1, -1)
 
 
 def _refined(
@@ -137,13 +123,13 @@ def _refined(
     doubts: Sequence[Unknowns],
     error: np.ndarray,
     ways: np.ndarray,
-    noise: np.ndarray,
     fixed: Sequence[Fixed],
 ) -> Data:
     """Return the data with starts from which the model follows better, where there are any."""
     settings = data.settings.ground
     known = np.array([doubt.known for doubt in doubts])  # (W, D)
-    flat = (ways / noise[:, None]).reshape(len(ways), -1, ways.shape[3])
+    noise = settings.error_rad
+    flat = (ways / noise).reshape(len(ways), -1, ways.shape[3])
     rest = (error / noise).reshape(len(error), -1)
     curve = np.einsum("wnd,wne->wde", flat, flat)
     curve += np.einsum("wd,de->wde", known**-2, np.eye(known.shape[1]))
@@ -151,7 +137,7 @@ def _refined(
     step = np.clip(step, -settings.step_max, settings.step_max)
     best = [window.recording for window in data.windows]
     cost = (rest**2).sum(axis=1)
-    for share in settings.step_shares:
+    for share in (1.0, HALF):
         amounts = share * step
         tried = [
             moved(data.models[w.model], w.recording, doubt, own)

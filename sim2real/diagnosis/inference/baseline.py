@@ -82,10 +82,9 @@ class Baseline:
         scale = dict(zip(names, map(float, data.scale), strict=True))
         gaps = as_gaps(data, self.errors)
         later = [] if after is None else as_gaps(data, after)
-        which = [next(w.model for w in data.windows if w.log == n) for n in range(len(data.logs))]
-        models = [data.models[index] for index in which]
-        table = locate(gaps, floor, models, later, rng=rng, scale=scale, settings=settings)
-        return table.where, bands(gaps, floor, later, settings.locating)
+        models = [data.models[index] for index in data.which]
+        where = locate(gaps, floor, models, later, rng=rng, scale=scale, settings=settings)
+        return where, bands(gaps, floor, later, settings.locating)
 
 
 def _refuse_lost(data: Data, lost: np.ndarray) -> None:

@@ -8,13 +8,12 @@ neutral values, which changes no bit of it. Effects that add to the structure sh
 own kind alone, and those that only write model fields are kept apart from stepped ones.
 """
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from envs.effects.base import RULES
-from sim2real.diagnosis.data.memory import Memory
 from sim2real.diagnosis.data.simulate import Run, Simulated, Simulator, key_of
 from sim2real.diagnosis.inference.candidates import Candidate
 
@@ -69,40 +68,13 @@ class _Batch:
         return Run(tuple(m.effect for m in members), windows, np.concatenate(values))
 
 
-def simulate_each(
-    simulator: Simulator, sets: Sequence[Rows], remember: bool = True
-) -> list[Simulated]:
+def simulate_each(simulator: Simulator, sets: Sequence[Rows]) -> list[Simulated]:
     """Simulate several sets of rows, and return what each came to.
 
     Args:
         simulator: of the windows.
         sets: the rows.
-        remember: whether rows that were simulated before are taken from the simulator's memory,
-            and new ones kept there: steps of fits come back to where they were.
     """
-    found = [simulator.blank(len(one.windows)) for one in sets]
-    memory = simulator.memory if remember else Memory(0.0)
-    names = [_names(one) for one in sets]
-    lacking = [
-        np.array([k for k, name in enumerate(own) if not memory.recall(name, result, k)], int)
-        for own, result in zip(names, found, strict=True)
-    ]
-    asked = [number for number, rows in enumerate(lacking) if rows.size]
-    left = [_some(sets[number], lacking[number]) for number in asked]
-    for number, part in zip(asked, _simulate(left, simulator), strict=True):
-        for every, new in zip(found[number], part, strict=True):
-            every[lacking[number]] = new
-        for k in lacking[number]:
-            memory.keep(names[number][k], found[number], k)
-    return found
-
-
-def _some(one: Rows, rows: np.ndarray) -> Rows:
-    return Rows(one.members, one.windows[rows], one.values[rows])
-
-
-def _simulate(sets: Sequence[Rows], simulator: Simulator) -> list[Simulated]:
-    """Simulate several sets of rows in as few batches as they fit into."""
     batches: list[_Batch] = []
     for number, one in enumerate(sets):
         structure = _structure(one.members)
@@ -119,13 +91,6 @@ def _simulate(sets: Sequence[Rows], simulator: Simulator) -> list[Simulated]:
             own = slice(start, start := start + len(one.windows))
             results[number] = Simulated(*(part[own] for part in every))
     return [results[number] for number in range(len(sets))]
-
-
-def _names(one: Rows) -> list[Hashable]:
-    """Return what is simulated in each row: the window, and each effect with its values."""
-    keys = tuple(map(_key, one.members))
-    values = np.ascontiguousarray(one.values)
-    return [(int(w), keys, v.tobytes()) for w, v in zip(one.windows, values, strict=True)]
 
 
 def _key(member: Candidate) -> tuple[Any, ...]:

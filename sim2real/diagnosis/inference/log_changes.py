@@ -137,7 +137,7 @@ def _is_clock_right(data: Data) -> bool:
 
     Without them a robot that moves faster or slower than its model may have another clock.
     """
-    limits = data.settings.speeds
+    limits = data.settings.preflight
     laws = speed_laws([(log, data.models[0]) for log in data.logs], limits)
     return any(abs(law.scale - 1) < limits.clock for law in laws.values())
 

@@ -23,7 +23,7 @@ from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.noise_floor import reading_noise
 from sim2real.diagnosis.data.simulate import BATCH, Simulator
-from sim2real.diagnosis.data.starts import faster, further, start_errors
+from sim2real.diagnosis.data.starts import faster, further, speeds_at, start_errors
 from sim2real.diagnosis.data.windows import Window, cut_one
 from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.inference.batches import Rows, simulate_each
@@ -93,7 +93,7 @@ class Replayer:
         work: Work | None = None,
         on_run: Callable[[], None] = lambda: None,
     ) -> None:
-        self.data, self.fixed, self.on_run = replace(data, nuisance=None), tuple(fixed), on_run
+        self.data, self.fixed, self.on_run = replace(data, starts=None), tuple(fixed), on_run
         self.work = Work() if work is None else work
         self.settings = data.settings.inference
         self.rows, self.used = _spread(data.mask, self.settings.rows_max)  # (W, N) each
@@ -108,8 +108,8 @@ class Replayer:
         self.finer: Replayer | None = None  # in shorter steps, for what adds a body or a spring
         self.offset = np.zeros((*self.rows.shape, len(self.noise)))  # that longer steps leave out
         self.estimated = np.zeros((*self.offset.shape, 0))  # (W, N, M, D) of starts
-        if data.nuisance is not None:
-            self.estimated = self._look(data.nuisance.directions(), self.every)
+        if data.starts is not None:
+            self.estimated = self._look(data.starts, self.every)
         self.plain = Simulator(self.data, self.fixed, on_run=on_run, work=self.work)
         self._mended: dict[Key, _Mended] = {}
 
@@ -177,7 +177,7 @@ class Replayer:
             )
             for ask in asks
         ]
-        for ask, made in zip(asks, simulate_each(simulator, rows, remember=False), strict=True):
+        for ask, made in zip(asks, simulate_each(simulator, rows), strict=True):
             own, result = ask.rows, found[ask.job]
             error = self._look(made.error, ask.windows) * ask.scale
             result.error[own] = error + self.offset[ask.windows]
@@ -207,9 +207,7 @@ class Replayer:
         lost = np.full(len(self.every), np.inf)
         for ask in self._asks(0, Job(hypothesis, values, self.every)):
             simulator = _stacked(self, [ask.log]) if ask.log else self.plain
-            (made,) = simulate_each(
-                simulator, [Rows(hypothesis.effects, ask.windows, ask.values)], remember=False
-            )
+            (made,) = simulate_each(simulator, [Rows(hypothesis.effects, ask.windows, ask.values)])
             found[ask.rows], lost[ask.rows] = made.error * ask.scale, made.lost
         return found, lost
 
@@ -287,8 +285,8 @@ class Replayer:
         for number, window in enumerate(data.windows):
             model, own = data.models[window.model], window.recording
             places = [joint.qpos for joint in data.joints]
-            dofs = [int(model.jnt_dofadr[model.jnt_qposadr == place][0]) for place in places]
-            path = own.qpos[places] + speed * self.times[number][:, None] * own.qvel[dofs]
+            moved = self.times[number][:, None] * speeds_at(data, model, own.qvel)
+            path = own.qpos[places] + speed * moved
             found[number] = (path - measured[number]) / data.scale
         return np.where(self.used[..., None], found, 0.0)
 
@@ -306,7 +304,7 @@ class Replayer:
             windows = [shift(data, window, joint, float(size)) for window, size in pairs]
             other = self.plain.of(replace(data, windows=tuple(windows)))
             rows = [Rows(hypothesis.effects, ask.windows, ask.values)]
-            (made,) = simulate_each(other, rows, remember=False)
+            (made,) = simulate_each(other, rows)
             found[ask.rows] = self._look(made.error, ask.windows) * ask.scale
         return found
 

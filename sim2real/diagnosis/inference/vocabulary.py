@@ -59,9 +59,10 @@ class Vocabulary:
         self.data = data
         effects = list_effects(data, exclude, fixed) if robot else []
         known = {member.label for member in effects}
-        changes = [c for c in list_log_changes(data) if c.robot is None or c.label in known]
-        undone = {change.label for change in changes if log}
-        found: list[Member] = [*(changes if log else [])]
+        changes = list_log_changes(data) if log else []
+        changes = [c for c in changes if c.robot is None or c.label in known]
+        undone = {change.label for change in changes}
+        found: list[Member] = [*changes]
         found += [member for member in effects if member.label not in undone]
         self.members = [one for one in found if only is None or one.label in only]
 

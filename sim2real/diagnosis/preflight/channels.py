@@ -14,14 +14,14 @@ import numpy as np
 
 from envs.effects.servo import is_joint_servo
 from hardware.log import READING, Log
-from sim2real.diagnosis.data.noise_floor import step_of
-from sim2real.diagnosis.data.pairs import Pairs, index_of, joints_of, name_of, unit_of, which
+from sim2real.diagnosis.data.noise_floor import count_of
+from sim2real.diagnosis.data.pairs import TURN, Pairs, index_of, joints_of, name_of, unit_of, which
 from sim2real.diagnosis.data.windows import reversals
 from sim2real.diagnosis.preflight.duties import check_duties
 from sim2real.diagnosis.preflight.speeds import check_speeds
 from sim2real.diagnosis.preflight.torques import check_torques
 from sim2real.diagnosis.schema import Finding
-from sim2real.diagnosis.settings import DEFAULT, TINY, Channels, Settings
+from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 
 NOTES = frozenset(
     {
@@ -31,7 +31,6 @@ NOTES = frozenset(
         "unsigned",
         "computed_torque",
         "base",
-        "odd",
         "reading",
     }
 )
@@ -47,7 +46,7 @@ def check_channels(
     Args:
         logs: the logs.
         models: the model of each.
-        settings: those of `channels`, `servo` and `encoder` are used.
+        settings: when they do.
     """
     pairs = list(zip(logs, models, strict=True))
     return [finding for check in CHECKS for finding in check(pairs, settings)]
@@ -67,12 +66,12 @@ def _reading(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
 
 def _rate(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Irregular stamps, gaps, and a rate other than the metadata say."""
-    limits = settings.channels
+    limits = settings.preflight
     uneven, gaps, wrong = [], [], []
     for log, _ in pairs:
         steps = np.concatenate([np.diff(part.time) for part in log.episodes()])
         middle = float(np.median(steps))
-        usual = np.percentile(np.abs(steps - middle), limits.jitter_percentile)
+        usual = np.quantile(np.abs(steps - middle), 1 - settings.inference.level)
         if usual > limits.jitter * middle:
             uneven.append((log, f"{middle / MILLI:.3g} ms ± {steps.std() / MILLI:.2g} ms"))
         long = steps > limits.gap * middle
@@ -109,23 +108,22 @@ def _rate(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
 
 def _loss(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Readings that were lost, or said twice while the joint moved."""
-    limits = settings.channels
+    limits = settings.preflight
     for joint in joints_of(pairs):
         lost = rows = 0
         for log, _ in pairs:
             column = f"qpos.{joint}"
             if column not in log.columns:
                 continue
+            step = max(count_of([log], joint, settings), limits.count_min)
             for part in log.episodes():
                 q = part.column(column)
-                step = step_of(log.column(column)[log.fresh], settings.encoder)
-                step = max(step, limits.count_min)
                 if len(q) <= len(("before", "same", "after")):
                     continue
                 same = q[1:-2] == q[2:-1]
                 before, after = q[1:-2] - q[:-3], q[3:] - q[2:-1]
                 moved = np.minimum(np.abs(before), np.abs(after))
-                moving = moved > limits.repeat_counts * step
+                moving = moved > limits.counts * step
                 lost += int(np.sum(same & moving & (before * after > 0)))
                 rows += len(q)
         if rows and lost / rows > limits.lost_share:
@@ -150,9 +148,9 @@ def _loss(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
 
 def _excitation(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Joints that never moved enough, or never turned back."""
-    limits = settings.channels
+    limits = settings.preflight
     still = {"rad": limits.still_rad, "m": limits.still_m}
-    for joint, (moved, turns) in excitation(pairs, limits).items():
+    for joint, (moved, turns) in excitation(pairs, settings).items():
         unit = unit_of(pairs, joint)
         if moved < still[unit]:
             yield Finding(
@@ -170,7 +168,7 @@ def _excitation(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
             )
 
 
-def excitation(pairs: Pairs, settings: Channels = DEFAULT.channels) -> dict[str, tuple[float, int]]:
+def excitation(pairs: Pairs, settings: Settings = DEFAULT) -> dict[str, tuple[float, int]]:
     """Return by joint how far it moved [rad or m] and how often it turned back."""
     found = {}
     for joint in joints_of(pairs):
@@ -181,7 +179,7 @@ def excitation(pairs: Pairs, settings: Channels = DEFAULT.channels) -> dict[str,
             for part in log.episodes()
         ]
         moved = max(float(np.ptp(q)) for q in parts)
-        size = settings.reversal_size * moved
+        size = settings.windows.turn * moved
         found[joint] = moved, sum(reversals(q, size) for q in parts)
     return found
 
@@ -192,7 +190,7 @@ def _ranged(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     for log, model in pairs:
         for joint, limit in _ranges(model).items():
             q = log.columns.get(f"qpos.{joint}", np.zeros(1))
-            if float(np.abs(q).max()) > settings.channels.beyond * limit:
+            if float(np.abs(q).max()) > settings.preflight.beyond * limit:
                 found[joint] = (
                     f"{joint} runs from {q.min():.4g} to {q.max():.4g}, and its range ends at "
                     f"{limit:.3g} rad"
@@ -224,14 +222,14 @@ def _ranges(model: mujoco.MjModel) -> dict[str, float]:
         joint = model.joint(int(model.actuator_trnid[i, 0]))
         if joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE:
             limited = bool(model.actuator_ctrllimited[i])
-            reach = float(np.abs(model.actuator_ctrlrange[i]).max()) if limited else 2 * np.pi
+            reach = float(np.abs(model.actuator_ctrlrange[i]).max()) if limited else TURN
             found.setdefault(joint.name, reach)
     return found
 
 
 def _limits(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Commands that the model clamps, and rows at its limit of force."""
-    limits = settings.channels
+    limits = settings.preflight
     for name in dict.fromkeys(name for log, _ in pairs for name in log.actuators):
         outside, held, rows, least = 0, 0, 0, []
         reach = (0.0, 0.0)
@@ -243,12 +241,16 @@ def _limits(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
             rows += len(ctrl)
             if model.actuator_ctrllimited[index]:
                 low, high = reach = tuple(model.actuator_ctrlrange[index])
-                slack = limits.outside_slack * (high - low)
+                slack = limits.outside * (high - low)
                 outside += int(np.sum((ctrl < low - slack) | (ctrl > high + slack)))
-            saturated = _saturated(log, model, index)
-            held += int(np.sum(saturated))
-            least += [_gain_left(log, model, index, limits.saturated_share)]
-        if rows and outside / rows > limits.outside_share:
+            force = _force(log, model, index)
+            if force is not None and model.actuator_forcelimited[index]:
+                size, most = np.abs(force), float(model.actuator_forcerange[index, 1])
+                on = log.columns.get(f"torque.{name}", np.ones(len(log))) > 0
+                held += int(np.sum(on & (size >= most)))
+                often = float(np.quantile(size, 1 - limits.saturated_share))
+                least += [min(most / max(often, TINY), 1.0)]
+        if rows and outside / rows > limits.outside:
             yield Finding(
                 "ctrlrange",
                 name,
@@ -266,24 +268,6 @@ def _limits(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
                 "does.",
                 "Compare the model's kp and forcerange with the servo's; record smaller motions.",
             )
-
-
-def _gain_left(log: Log, model: mujoco.MjModel, index: int, share: float) -> float:
-    """Return the factor on a servo's gain under which its limit would hold it in few rows."""
-    force = _force(log, model, index)
-    if force is None or not force.any():
-        return 1.0
-    most = float(np.quantile(np.abs(force), 1 - share))
-    return min(float(model.actuator_forcerange[index, 1]) / max(most, TINY), 1.0)
-
-
-def _saturated(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray:
-    """In which rows the model's position servo would be at its limit of force, (T,) bool."""
-    force = _force(log, model, index)
-    if force is None or not model.actuator_forcelimited[index]:
-        return np.zeros(len(log), bool)
-    on = log.columns.get(f"torque.{model.actuator(index).name}", np.ones(len(log))) > 0
-    return on & (np.abs(force) >= model.actuator_forcerange[index, 1])
 
 
 def _force(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray | None:
@@ -308,12 +292,10 @@ def _force(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray | None:
 def _resolution(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """The encoder's steps."""
     for joint in joints_of(pairs):
-        column = f"qpos.{joint}"
-        values = [log.column(column)[log.fresh] for log, _ in pairs if column in log.columns]
-        step = step_of(np.concatenate(values), settings.encoder)
+        step = count_of([log for log, _ in pairs], joint, settings)
         if step > 0:
             unit = unit_of(pairs, joint)
-            turn = f", {2 * np.pi / step:.0f} to a turn" if unit == "rad" else ""
+            turn = f", {TURN / step:.0f} to a turn" if unit == "rad" else ""
             yield Finding(
                 "quantization",
                 joint,

@@ -10,10 +10,9 @@ tell what the sensors are like.
 from collections.abc import Callable, Iterable, Sequence
 
 import mujoco
-import numpy as np
 
 from hardware.log import Log
-from sim2real.diagnosis.data.noise_floor import noise_floor, rounding, step_of
+from sim2real.diagnosis.data.noise_floor import count_of, noise_floor, rounding
 from sim2real.diagnosis.preflight.channels import NOTES, check_channels
 from sim2real.diagnosis.preflight.clocks import check_clocks
 from sim2real.diagnosis.preflight.lag import check_lag
@@ -57,24 +56,22 @@ def preflight(
     """
     made = {id(spec): spec.copy().compile() for spec in specs}
     models = [made[id(spec)] for spec in specs]
-    found = [*check_channels(logs, models, settings), *check_clocks(logs, settings.clocks)]
+    found = [*check_channels(logs, models, settings), *check_clocks(logs, settings)]
     if not any(finding.check in BLOCKING for finding in found):
-        found += check_lag(logs, specs, settings.lag)
+        found += check_lag(logs, specs, settings)
     if not any(finding.check == "rate" for finding in found):
         found += _noise(logs, settings)
-    found += check_unlogged(logs, specs, settings.unlogged)
+    found += check_unlogged(logs, specs, settings)
     found += [finding for check in CHECKS for finding in check(logs, models)]
     return sorted(found, key=_rank)
 
 
 def _noise(logs: Sequence[Log], settings: Settings) -> list[Finding]:
     """Joints whose readings scatter by more than their counts."""
-    found, limits = [], settings.checks
+    found, limits = [], settings.preflight
     for joint, floor in noise_floor(logs, settings).items():
-        column = f"qpos.{joint}"
-        values = [log.column(column)[log.fresh] for log in logs if column in log.columns]
-        least = rounding(step_of(np.concatenate(values), settings.encoder))
-        if floor > limits.noise * max(least, limits.rounding_min):
+        least = rounding(max(count_of(logs, joint, settings), limits.count_min))
+        if floor > limits.noise * least:
             found.append(
                 Finding(
                     "noise",

@@ -12,12 +12,12 @@ import numpy as np
 
 from hardware.log import Log
 from sim2real.diagnosis.schema import Finding
-from sim2real.diagnosis.settings import DEFAULT, Clocks
+from sim2real.diagnosis.settings import DEFAULT, Preflight, Settings
 
 MILLI, PPM = 1e-3, 1e-6
 
 
-def check_clocks(logs: Sequence[Log], settings: Clocks = DEFAULT.clocks) -> list[Finding]:
+def check_clocks(logs: Sequence[Log], settings: Settings = DEFAULT) -> list[Finding]:
     """Return what the clocks of logs contradict.
 
     Args:
@@ -26,7 +26,7 @@ def check_clocks(logs: Sequence[Log], settings: Clocks = DEFAULT.clocks) -> list
     """
     found = [*_nominal(logs)]
     for joint in dict.fromkeys(joint for log in logs for joint in log.joints):
-        found += _drifting(logs, joint, settings)
+        found += _drifting(logs, joint, settings.preflight)
     return found
 
 
@@ -42,11 +42,11 @@ def _nominal(logs: Sequence[Log]) -> Iterator[Finding]:
         )
 
 
-def _drifting(logs: Sequence[Log], joint: str, limits: Clocks) -> Iterator[Finding]:
+def _drifting(logs: Sequence[Log], joint: str, limits: Preflight) -> Iterator[Finding]:
     for log in logs:
         drift = stamp_drift(log, joint)
         length = max(float(np.ptp(part.time)) for part in log.episodes())
-        if drift is None or length < limits.log_s:
+        if drift is None or length < limits.drift_s:
             continue
         ppm, error = drift
         ahead = PPM * abs(ppm) * length

@@ -15,11 +15,11 @@ import numpy as np
 
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
-from sim2real.diagnosis.data.pairs import Pairs, index_of
+from sim2real.diagnosis.data.pairs import TWELVE_BITS, Pairs, index_of
 from sim2real.diagnosis.schema import Finding
-from sim2real.diagnosis.settings import DEFAULT, Servo, Settings
+from sim2real.diagnosis.settings import DEFAULT, Settings
 
-CURRENT_BASED = 5  # the operating mode of Dynamixel X servos; its manual
+CURRENT_BASED, FULL_PWM = 5, 885.0  # Dynamixel X e-manual: operating mode, PWM at full duty
 
 
 class DutyLaw(NamedTuple):
@@ -31,25 +31,22 @@ class DutyLaw(NamedTuple):
 
 def check_duties(pairs: Pairs, settings: Settings = DEFAULT) -> Iterator[Finding]:
     """Yield a finding for each servo whose gain is not the model's."""
-    limits = settings.servo
-    low, high = limits.ratio
+    low, high = settings.preflight.ratio
     for name in dict.fromkeys(name for log, _ in pairs for name in log.actuators):
         rows = []
         for log, model in pairs:
             if log.settings.get(name, {}).get("operating_mode") == CURRENT_BASED:
                 continue  # a limit of current says nothing of the full duty
-            law, slope = duty_law(log, model, name, limits), model_slope(model, name)
+            law, slope = duty_law(log, model, name, settings), model_slope(model, name)
             if law is not None and slope and low < -law.position / law.command < high:
                 rows.append((log, law, slope))
         ratios = [law.command / slope for _, law, slope in rows]
         if ratios and not low < float(np.median(ratios)) < high:
             log, law, slope = rows[len(rows) // 2]
-            yield _finding(name, log, law, slope, ratios, limits)
+            yield _finding(name, log, law, slope, ratios)
 
 
-def _finding(
-    name: str, log: Log, law: DutyLaw, slope: float, ratios: list[float], settings: Servo
-) -> Finding:
+def _finding(name: str, log: Log, law: DutyLaw, slope: float, ratios: list[float]) -> Finding:
     ratio = float(np.median(ratios))
     text = (
         f"The duty of {name} grows by {law.command:.3g} of full for each rad of error, the model's "
@@ -58,14 +55,14 @@ def _finding(
     )
     gain = log.settings.get(name, {}).get("position_p_gain")
     if gain:
-        divisor = gain * settings.turn_counts / settings.full_pwm / law.command
+        divisor = gain / TWELVE_BITS / FULL_PWM / law.command
         text += f" A P gain register of {gain:g} then means a divisor of about {divisor:.0f}."
     fix = f"Multiply the model's kp by {ratio:.2f} (effect position_gain)."
     return Finding("control_law", name, text, fix)
 
 
 def duty_law(
-    log: Log, model: mujoco.MjModel, actuator: str, settings: Servo = DEFAULT.servo
+    log: Log, model: mujoco.MjModel, actuator: str, settings: Settings = DEFAULT
 ) -> DutyLaw | None:
     """Return how the duty of a servo follows its command and its position.
 
@@ -80,22 +77,23 @@ def duty_law(
     found = next((name for name in names if name in log.columns), None)
     if found is None or f"qpos.{joint}" not in log.columns:
         return None
-    duty = log.column(found)
-    duty = duty / (settings.full_pwm if np.abs(duty).max() > settings.duty_share_max else 1.0)
+    duty, limits = log.column(found), settings.preflight
+    in_register = np.abs(duty).max() > np.sqrt(FULL_PWM)  # a share of full is at most 1
+    duty = duty / (FULL_PWM if in_register else 1.0)
     on = log.columns.get(f"torque.{actuator}", np.ones(len(log))) > 0
-    free = on & np.roll(on, 1) & (np.abs(duty) < settings.saturated)
+    free = on & np.roll(on, 1) & (np.abs(duty) < limits.saturated)
     y, q = duty[free], log.column(f"qpos.{joint}")[free]
     fits = []
-    for lag in np.arange(0.0, *settings.delays_s):
+    for lag in np.arange(0.0, limits.reach_s, float(np.median(np.diff(log.time)))):
         sent = _held(log, actuator, lag)[free]
-        if len(y) >= settings.rows_min:
+        if len(y) >= limits.rows_min:
             table = np.column_stack([sent, q, np.ones(len(y))])
             law = np.linalg.lstsq(table, y, rcond=None)[0]
             fits.append((float(np.sum((y - table @ law) ** 2)), law))
     if not fits:
         return None
     rest, (command, position, _) = min(fits, key=lambda fit: fit[0])
-    if rest > settings.law_residual * np.sum((y - y.mean()) ** 2) or 0 in (command, position):
+    if rest > limits.law_residual * np.sum((y - y.mean()) ** 2) or 0 in (command, position):
         return None
     return DutyLaw(float(command), float(position))
 

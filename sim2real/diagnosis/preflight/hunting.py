@@ -19,7 +19,8 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import find_peaks
 
 from hardware.log import Log
-from sim2real.diagnosis.data.noise_floor import step_of
+from sim2real.diagnosis.data.noise_floor import count_of
+from sim2real.diagnosis.data.recording import episode_rows, flagged
 from sim2real.diagnosis.data.replay import Gap
 from sim2real.diagnosis.data.windows import HUNTING
 from sim2real.diagnosis.schema import Finding
@@ -59,11 +60,7 @@ def mark_hunting(
                 found += [(log, hunt) for hunt in hunts]
         if found:
             findings.append(_finding(joint, found))
-    marked = [
-        Log({**log.columns, HUNTING: flag.astype(float)}, log.meta, log.path) if flag.any() else log
-        for log, flag in zip(logs, flags, strict=True)
-    ]
-    return marked, findings
+    return [flagged(log, HUNTING, own) for log, own in zip(logs, flags, strict=True)], findings
 
 
 def tell_simulated(
@@ -128,17 +125,14 @@ def _each(
     log: Log, angle: np.ndarray, actuator: str, joint: str, settings: Limits
 ) -> Iterator[tuple[slice, list[Hunt]]]:
     """Yield the rows of each episode, and where an angle hunts in them, its servo on."""
-    least = settings.counts * step_of(log.column(f"qpos.{joint}")[log.fresh])
-    command, start = log.column(f"ctrl.{actuator}"), 0
+    least, command = settings.counts * count_of([log], joint), log.column(f"ctrl.{actuator}")
     others = [log.column(f"ctrl.{name}") for name in log.actuators if name != actuator]
     off = log.columns.get(f"torque.{actuator}", np.ones(len(log))) <= 0
-    for part in log.episodes():
-        rows = slice(start, start + len(part))
+    for rows in episode_rows(log):
         rest = [other[rows] for other in others]
         time, free = log.time[rows], log.time[rows][off[rows]]
         hunts = hunting(time, angle[rows], command[rows], rest, least, settings)
         yield rows, [h for h in hunts if not ((free >= h.first) & (free <= h.last)).any()]
-        start += len(part)
 
 
 def hunting(
@@ -167,7 +161,7 @@ def hunting(
     least, row = max(least, settings.swing), float(np.median(np.diff(time)))
     shaken = [_turns(other, settings.asked * float(np.ptp(other))) for other in others]
     found = _steady(time, angle, command, shaken, least, settings)
-    large = max(least, settings.riding * float(np.ptp(angle)))
+    large = max(least, settings.asked * float(np.ptp(angle)))
     for width in settings.faster_s if row > 0 else ():  # a clock that stands is refused elsewhere
         rows = round(width / row)
         if rows > 1:
@@ -193,13 +187,13 @@ def _steady(
     for k in range(len(swings) - count + 1):
         own = slice(k, k + count)
         even = swings[own].min() >= settings.even * swings[own].max()
-        regular = halves[own].min() >= settings.regular * halves[own].max() > 0
+        regular = halves[own].min() >= settings.even * halves[own].max() > 0
         if even and regular:
             rows = slice(turns[k], turns[k + count] + 1)
             asked = len(_turns(command[rows], settings.asked * float(np.median(swings[own]))))
             ends = (turns[k], turns[k + count])
             busiest = max((int(np.diff(np.searchsorted(t, ends))[0]) for t in shaken), default=0)
-            steady[own] |= asked <= settings.asked_turns and busiest <= settings.shaken_turns
+            steady[own] |= 4 * asked <= count and 2 * busiest <= count
     edges = np.flatnonzero(np.diff(np.concatenate([[0], steady.astype(int), [0]])))
     return [
         Hunt(
@@ -246,8 +240,8 @@ def _left_out(time: np.ndarray, hunts: Sequence[Hunt], settings: Limits) -> np.n
     out, ended = np.zeros(len(time), bool), -np.inf
     for hunt in hunts:
         fresh = hunt.first - ended > settings.calm_s
-        kept = settings.kept / (2 * hunt.frequency) if fresh else -settings.calm_s
-        ended = hunt.last + settings.settle_s
+        kept = 1 / (2 * hunt.frequency) if fresh else -settings.calm_s
+        ended = hunt.last + settings.calm_s
         out |= (time >= hunt.first + kept) & (time <= ended)
     return out
 

@@ -13,14 +13,15 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
+from sim2real.diagnosis.data.recording import episode_rows
 from sim2real.diagnosis.data.trial import Piece, piece, trial
 from sim2real.diagnosis.data.windows import hunting_rows
 from sim2real.diagnosis.schema import Finding
-from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE
-from sim2real.diagnosis.settings import Lag as Limits
+from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE, Settings
 
 MILLI = 1e-3
 
@@ -34,7 +35,7 @@ class Lag(NamedTuple):
 
 
 def check_lag(
-    logs: Sequence[Log], specs: Sequence[mujoco.MjSpec], settings: Limits = DEFAULT.lag
+    logs: Sequence[Log], specs: Sequence[mujoco.MjSpec], settings: Settings = DEFAULT
 ) -> list[Finding]:
     """Return a finding for each log in which the lag jumps.
 
@@ -63,7 +64,7 @@ def check_lag(
 
 
 def lags(
-    logs: Sequence[Log], specs: Sequence[mujoco.MjSpec], settings: Limits = DEFAULT.lag
+    logs: Sequence[Log], specs: Sequence[mujoco.MjSpec], settings: Settings = DEFAULT
 ) -> list[list[Lag]]:
     """Return the lags of each log: of each joint in each window of an episode's first minute."""
     found: list[list[Lag]] = [[] for _ in logs]
@@ -85,47 +86,45 @@ def lags(
     return found
 
 
-def _starts(log: Log, number: int, settings: Limits) -> list[Piece]:
+def _starts(log: Log, number: int, settings: Settings) -> list[Piece]:
     """The first minute of each episode that is long enough."""
-    start, found = 0, []
-    for part in log.episodes():
-        time = part.time - part.time[0]
-        rows = int(np.searchsorted(time, settings.episode_s - ROUNDING))
-        if time[rows - 1] > 2 * settings.windows_min * settings.window_s:
-            found.append(piece(log, number, start, start + rows))
-        start += len(part)
+    found, limits = [], settings.preflight
+    for own in episode_rows(log):
+        time = log.time[own] - log.time[own.start]
+        rows = int(np.searchsorted(time, limits.lag_episode_s - ROUNDING))
+        if time[rows - 1] > 2 * limits.lag_windows * settings.windows.longest_s:
+            found.append(piece(log, number, own.start, own.start + rows))
     return found
 
 
-def _windows(joint: str, log: Log, simulated: np.ndarray, settings: Limits) -> list[Lag]:
+def _windows(joint: str, log: Log, simulated: np.ndarray, settings: Settings) -> list[Lag]:
     """The lags of one joint, where it moves and both motions are alike."""
-    dt = float(np.median(np.diff(log.time)))
+    dt, limits = float(np.median(np.diff(log.time))), settings.preflight
     clock = np.arange(log.time[0], log.time[-1], dt)
     real, model = (
         np.gradient(np.interp(clock, log.time, q), dt)
         for q in (log.column(f"qpos.{joint}"), simulated)
     )
     hunts = np.interp(clock, log.time, hunting_rows(log).astype(float)) > 0
-    width, reach = max(round(settings.window_s / dt), 1), round(settings.reach_s / dt)
+    seconds, reach = settings.windows.longest_s, round(limits.reach_s / dt)
+    width = max(round(seconds / dt), 1)
     found = []
     for first in range(reach, len(clock) - width - reach, width):
         here = real[first : first + width]
-        if np.sqrt(np.mean(here**2)) < settings.speed_min or hunts[first : first + width].any():
+        if (
+            np.sqrt(np.mean(here**2)) < settings.regimes.rest_speed
+            or hunts[first : first + width].any()
+        ):
             continue
-        scores = [
-            _alike(here, model[first - shift : first - shift + width])
-            for shift in range(-reach, reach + 1)
-        ]
+        others = sliding_window_view(model[first - reach : first + width + reach], width)[::-1]
+        size = np.sqrt((here @ here) * np.square(others).sum(axis=1))
+        scores = others @ here / np.maximum(size, TINY_SQUARE)
         best = int(np.argmax(scores))
-        if scores[best] > settings.alike and 0 < best < 2 * reach:
+        if scores[best] > limits.lag_alike and 0 < best < 2 * reach:
             shift = best - reach + _vertex(*scores[best - 1 : best + 2])
-            middle = clock[first] + settings.window_s / 2
+            middle = clock[first] + seconds / 2
             found.append(Lag(joint, float(middle), float(shift * dt)))
     return found
-
-
-def _alike(one: np.ndarray, other: np.ndarray) -> float:
-    return float(one @ other / max(np.sqrt((one @ one) * (other @ other)), TINY_SQUARE))
 
 
 def _vertex(left: float, middle: float, right: float) -> float:
@@ -134,21 +133,21 @@ def _vertex(left: float, middle: float, right: float) -> float:
     return 0.0 if bend >= 0 else (left - right) / (2 * bend)
 
 
-def _jump(windows: Sequence[Lag], settings: Limits) -> tuple[float, float, float] | None:
+def _jump(windows: Sequence[Lag], settings: Settings) -> tuple[float, float, float] | None:
     """Return when the lag jumps, and its medians before and after; None where it does not.
 
     Every joint that moves enough on both sides has to jump the same way, and no window of it may
     contradict that: a lag that only depends on the motion overlaps.
     """
     times = sorted({w.time for w in windows})
-    best, answer = settings.jump_s, None
+    best, answer = settings.preflight.lag_jump_s, None
     for cut in ((a + b) / 2 for a, b in pairwise(times)):
         jumps, sides = [], ([], [])
         for joint in dict.fromkeys(w.joint for w in windows):
             own = [w for w in windows if w.joint == joint]
             before = np.array([w.lag for w in own if w.time < cut])
             after = np.array([w.lag for w in own if w.time > cut])
-            if min(len(before), len(after)) < settings.windows_min:
+            if min(len(before), len(after)) < settings.preflight.lag_windows:
                 continue
             up, down = after.min() - before.max(), before.min() - after.max()
             jumps.append(up if up > 0 else -down if down > 0 else 0.0)

@@ -12,24 +12,16 @@ A limit of torque makes errors large, too, but not the current, so that both hav
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
+from sim2real.diagnosis.data.recording import flagged
 from sim2real.diagnosis.data.windows import BLOCKED
 from sim2real.diagnosis.schema import Finding
-from sim2real.diagnosis.settings import DEFAULT
-from sim2real.diagnosis.settings import Obstruction as Limits
-
-
-class _Servo(NamedTuple):
-    """An actuator and the joint that it drives."""
-
-    actuator: str
-    joint: str
+from sim2real.diagnosis.settings import DEFAULT, Obstruction, Settings
 
 
 def positioned(log: Log, spec: mujoco.MjSpec) -> dict[str, str]:
@@ -48,7 +40,7 @@ def positioned(log: Log, spec: mujoco.MjSpec) -> dict[str, str]:
 def mark_blocked(
     logs: Sequence[Log],
     driven: Mapping[str, str],
-    settings: Limits = DEFAULT.obstruction,
+    settings: Settings = DEFAULT,
 ) -> tuple[list[Log], list[Finding]]:
     """Return the logs with blocked rows flagged, and what was found.
 
@@ -61,60 +53,54 @@ def mark_blocked(
     """
     flags = [np.array(log.columns.get(BLOCKED, np.zeros(len(log)))) > 0 for log in logs]
     findings = []
-    for actuator in dict.fromkeys(name for log in logs for name in log.actuators):
-        if actuator not in driven:
-            continue
-        servo = _Servo(actuator, driven[actuator])
+    for servo in driven.items():
         held = _held(logs, servo, settings)
         if any(rows.any() for rows in held):
-            findings.append(_finding(logs, servo, held, settings))
+            findings.append(_finding(logs, servo, held, settings.obstruction))
             flags = [
-                flag | _widened(log, rows, settings.margin_s)
+                flag | _widened(log, rows, settings.obstruction.margin_s)
                 for flag, log, rows in zip(flags, logs, held, strict=True)
             ]
-    marked = [
-        Log({**log.columns, BLOCKED: flag.astype(float)}, log.meta, log.path) if flag.any() else log
-        for log, flag in zip(logs, flags, strict=True)
-    ]
-    return marked, findings
+    return [flagged(log, BLOCKED, own) for log, own in zip(logs, flags, strict=True)], findings
 
 
-def _held(logs: Sequence[Log], servo: _Servo, settings: Limits) -> list[np.ndarray]:
+def _held(logs: Sequence[Log], servo: tuple[str, str], settings: Settings) -> list[np.ndarray]:
     """Return the rows of each log in which a joint is held by something else, (T,) bool."""
-    position = f"qpos.{servo.joint}"
+    (actuator, joint), limits = servo, settings.obstruction
+    position = f"qpos.{joint}"
     none = [np.zeros(len(log), bool) for log in logs]
     seen = [(log, _current(log, servo)) for log in logs]
     known = [(log, c) for log, c in seen if c is not None and position in log.columns]
-    if len(known) < len(logs) or any(servo.actuator not in log.actuators for log in logs):
+    if len(known) < len(logs) or any(actuator not in log.actuators for log in logs):
         return none
-    errors = [np.abs(log.column(f"ctrl.{servo.actuator}") - log.column(position)) for log in logs]
-    rests = [_resting(log, servo, settings) for log in logs]
+    errors = [np.abs(log.column(f"ctrl.{actuator}") - log.column(position)) for log in logs]
+    rests = [_resting(log, servo, limits) for log in logs]
     every = np.concatenate(rests)
-    if every.sum() < settings.rests_min:
+    if every.sum() < settings.preflight.rows_min:
         return none
     usual = [
-        float(np.quantile(np.concatenate(parts)[every], settings.usual))
+        float(np.quantile(np.concatenate(parts)[every], 1 - 2 * settings.inference.level))
         for parts in ([c for _, c in known], errors)
     ]
     if min(usual) <= 0:
         return none
-    far = settings.error * (usual[1] + settings.still)  # a joint that rests may be off by that
+    far = limits.error * (usual[1] + limits.still)  # a joint that rests may be off by that
     held = [
-        rest & (current > settings.current * usual[0]) & (error > far)
+        rest & (current > limits.current * usual[0]) & (error > far)
         for rest, (_, current), error in zip(rests, known, errors, strict=True)
     ]
-    least = settings.shortest_s
+    least = 2 * limits.rest_s
     long = [_seconds(log, rows) >= least for log, rows in zip(logs, held, strict=True)]
     return [rows & enough for rows, enough in zip(held, long, strict=True)]
 
 
-def _current(log: Log, servo: _Servo) -> np.ndarray | None:
+def _current(log: Log, servo: tuple[str, str]) -> np.ndarray | None:
     """Return the size of a servo's current in any unit, (T,), or None.
 
     Columns are `current.<name>` or `sensor.current_<name>`, with `raw` or a unit in between, of the
     actuator's name or the joint's.
     """
-    names = "|".join(map(re.escape, (servo.actuator, servo.joint)))
+    names = "|".join(map(re.escape, servo))
     column = re.compile(rf"(.*[._])?current([._](raw|mA|A))?[._]({names})")
     for name, values in log.columns.items():
         if column.fullmatch(name):
@@ -122,16 +108,16 @@ def _current(log: Log, servo: _Servo) -> np.ndarray | None:
     return None
 
 
-def _resting(log: Log, servo: _Servo, settings: Limits) -> np.ndarray:
+def _resting(log: Log, servo: tuple[str, str], settings: Obstruction) -> np.ndarray:
     """Return in which rows a joint stands still with its torque on, (T,) bool."""
     found = []
     for part in log.episodes():
-        time, position = part.time, part.column(f"qpos.{servo.joint}")
+        time, position = part.time, part.column(f"qpos.{servo[1]}")
         sides = (-settings.rest_s, settings.rest_s)
         first, last = (np.searchsorted(time, time + side - ROUNDING) for side in sides)
         spans = zip(first, np.minimum(last, len(time) - 1) + 1, strict=True)
         found.append(np.array([np.ptp(position[a:b]) < settings.still for a, b in spans]))
-    on = log.columns.get(f"torque.{servo.actuator}", np.ones(len(log))) > 0
+    on = log.columns.get(f"torque.{servo[0]}", np.ones(len(log))) > 0
     return np.concatenate(found) & on
 
 
@@ -150,12 +136,12 @@ def _seconds(log: Log, rows: np.ndarray) -> float:
 
 
 def _finding(
-    logs: Sequence[Log], servo: _Servo, held: Sequence[np.ndarray], settings: Limits
+    logs: Sequence[Log], servo: tuple[str, str], held: Sequence[np.ndarray], settings: Obstruction
 ) -> Finding:
     log, rows = max(zip(logs, held, strict=True), key=lambda pair: int(pair[1].sum()))
     row = int(np.flatnonzero(rows)[0])
-    joint = servo.joint
-    goal, position = log.column(f"ctrl.{servo.actuator}"), log.column(f"qpos.{joint}")
+    actuator, joint = servo
+    goal, position = log.column(f"ctrl.{actuator}"), log.column(f"qpos.{joint}")
     short = abs(float(goal[row] - position[row]))
     seconds = sum(_seconds(*pair) for pair in zip(logs, held, strict=True))
     name = log.path.name if log.path else "the log"

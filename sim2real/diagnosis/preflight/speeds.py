@@ -20,7 +20,7 @@ from scipy.signal import detrend
 from hardware.log import Log
 from sim2real.diagnosis.data.pairs import Pairs, joints_of
 from sim2real.diagnosis.schema import Finding
-from sim2real.diagnosis.settings import DEFAULT, Settings, Speeds
+from sim2real.diagnosis.settings import DEFAULT, Preflight, Settings
 
 MILLI = 1e-3
 SMALLEST = 1e-12  # s: between readings that carry the same stamp
@@ -36,7 +36,7 @@ class SpeedLaw(NamedTuple):
 
 def check_speeds(pairs: Pairs, settings: Settings = DEFAULT) -> Iterator[Finding]:
     """Yield speeds of another scale or sign than their positions', and those of another time."""
-    limits = settings.speeds
+    limits = settings.preflight
     laws = speed_laws(pairs, limits)
     low, high = limits.ratio
     wrong = {joint: law.scale for joint, law in laws.items() if not low < law.scale < high}
@@ -75,7 +75,7 @@ def check_speeds(pairs: Pairs, settings: Settings = DEFAULT) -> Iterator[Finding
             )
 
 
-def speed_laws(pairs: Pairs, settings: Speeds = DEFAULT.speeds) -> dict[str, SpeedLaw]:
+def speed_laws(pairs: Pairs, settings: Preflight = DEFAULT.preflight) -> dict[str, SpeedLaw]:
     """Return how the speed register of each joint follows its position, where it does."""
     found = {}
     for joint in joints_of(pairs):
@@ -88,7 +88,7 @@ def speed_laws(pairs: Pairs, settings: Speeds = DEFAULT.speeds) -> dict[str, Spe
 
 
 def speed_law(
-    parts: Sequence[Log], joint: str, settings: Speeds = DEFAULT.speeds
+    parts: Sequence[Log], joint: str, settings: Preflight = DEFAULT.preflight
 ) -> SpeedLaw | None:
     """Return how a joint's speed follows its position.
 
@@ -130,7 +130,7 @@ def speed_law(
 
 
 def _measured(
-    part: Log, joint: str, settings: Speeds
+    part: Log, joint: str, settings: Preflight
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
     """Return times of reading, integrated speed, position and which rows count, (T,) each.
 

@@ -16,14 +16,14 @@ from hardware.formats.names import IMPEDANCE_KINDS
 from hardware.log import Log
 from sim2real.diagnosis.data.pairs import Pairs, index_of
 from sim2real.diagnosis.schema import Finding
-from sim2real.diagnosis.settings import DEFAULT, TINY, Servo, Settings
+from sim2real.diagnosis.settings import DEFAULT, TINY, Preflight, Settings
 
 MEASURED = ("torque", "effort", "current", "load")  # how columns of a motor's torque are named
 
 
 def check_torques(pairs: Pairs, settings: Settings = DEFAULT) -> Iterator[Finding]:
     """Yield a finding for each actuator's column of torque that its other columns explain."""
-    for name, column in computed_torques(pairs, settings.servo).items():
+    for name, column in computed_torques(pairs, settings.preflight).items():
         yield Finding(
             "computed_torque",
             name,
@@ -34,7 +34,7 @@ def check_torques(pairs: Pairs, settings: Settings = DEFAULT) -> Iterator[Findin
         )
 
 
-def computed_torques(pairs: Pairs, settings: Servo = DEFAULT.servo) -> dict[str, str]:
+def computed_torques(pairs: Pairs, settings: Preflight = DEFAULT.preflight) -> dict[str, str]:
     """Return the column of each actuator's torque that was computed in every log that has it."""
     found: dict[str, list[tuple[str, bool]]] = {}
     for log, model in pairs:
@@ -53,7 +53,9 @@ def torque_column(log: Log, actuator: str) -> str | None:
     return next((name for name in names if name in log.columns), None)
 
 
-def _is_law(log: Log, model: mujoco.MjModel, actuator: str, column: str, settings: Servo) -> bool:
+def _is_law(
+    log: Log, model: mujoco.MjModel, actuator: str, column: str, settings: Preflight
+) -> bool:
     """Return whether command, position and speed of the same rows leave nothing of a column."""
     index = index_of(model, actuator)
     if index is None:
@@ -82,7 +84,7 @@ def _is_law(log: Log, model: mujoco.MjModel, actuator: str, column: str, setting
     return float(rest.std()) < settings.computed * float(wanted[free].std())
 
 
-def measured_torques(pairs: Pairs, settings: Servo = DEFAULT.servo) -> dict[str, str]:
+def measured_torques(pairs: Pairs, settings: Preflight = DEFAULT.preflight) -> dict[str, str]:
     """Return the column of each actuator's torque or current that is evidence: signed, measured."""
     own = computed_torques(pairs, settings)
     found: dict[str, str] = {}

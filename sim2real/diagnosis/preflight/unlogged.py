@@ -16,11 +16,11 @@ from hardware.log import Log
 from sim2real.diagnosis.data.recording import columns_of
 from sim2real.diagnosis.data.trial import choose, trial
 from sim2real.diagnosis.schema import Finding
-from sim2real.diagnosis.settings import DEFAULT, Unlogged
+from sim2real.diagnosis.settings import DEFAULT, Settings
 
 
 def check_unlogged(
-    logs: Sequence[Log], specs: Sequence[mujoco.MjSpec], settings: Unlogged = DEFAULT.unlogged
+    logs: Sequence[Log], specs: Sequence[mujoco.MjSpec], settings: Settings = DEFAULT
 ) -> list[Finding]:
     """Return a finding for each joint that moves in replays, and whose position is not logged.
 
@@ -30,19 +30,20 @@ def check_unlogged(
         settings: what counts as a motion.
     """
     found: dict[str, Finding] = {}
+    trials = settings.simulation
     for log, spec in zip(logs, specs, strict=True):
         model = spec.copy().compile()
         missing = [i for i in range(model.njnt) if not _is_logged(log, model, i)]
         if not missing:
             continue
-        pieces = choose([log], settings.seconds, settings.pieces)
+        pieces = choose([log], trials.piece_s, trials.pieces)
         recordings = [piece.recording(model) for piece in pieces]
         paths = trial(spec, recordings) if recordings else []
         for joint in missing:
             moves = max((_motion(path, model, joint) for path in paths), default=0.0)
-            if moves > settings.moves:
+            if moves > settings.preflight.moved:
                 name = model.joint(joint).name
-                shown = f"a replay of {settings.seconds:g} s moves {name} by {moves:.2g}"
+                shown = f"a replay of {trials.piece_s:g} s moves {name} by {moves:.2g}"
                 found.setdefault(name, _finding(log, model, joint, shown))
     return list(found.values())
 

@@ -7,7 +7,6 @@
 Pictures of one table share one scale; it is logarithmic where its sizes lie far apart.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -123,7 +122,7 @@ def _table(every: Sequence[Band], unit: str) -> dict[str, Any]:
         rows.append(
             {
                 "joint": band.joint,
-                "range": _range(band),
+                "range": f"{band.low:.3g} to {band.high:.3g}\N{NO-BREAK SPACE}Hz",
                 **{k: text.quantity(getattr(band, k), unit, max(sizes)) for k in STEPPED},
                 "picture": svg.track(
                     min(before, after), max(before, after), dots, floor=floor, ticks=ticks
@@ -131,12 +130,6 @@ def _table(every: Sequence[Band], unit: str) -> dict[str, Any]:
             }
         )
     return {"rows": rows, "scale": _numbers(scale, name), "log": isinstance(scale, axes.Log)}
-
-
-def _range(band: Band) -> str:
-    if math.isfinite(band.high):
-        return f"{band.low:.3g} to {band.high:.3g}\N{NO-BREAK SPACE}Hz"
-    return f"above {band.low:.3g}\N{NO-BREAK SPACE}Hz"
 
 
 def _unit(unit: str, most: float) -> tuple[float, str]:

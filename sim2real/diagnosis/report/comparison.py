@@ -19,6 +19,7 @@ from sim2real.diagnosis.report import axes, html, provenance, svg, text
 from sim2real.diagnosis.schema import Cause, Report
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
+from sim2real.runs.pages import template
 
 FILE = "report.json"
 START, SPAN = 0.04, 0.92  # of a line: where the smallest value is, and the length to the largest
@@ -32,7 +33,7 @@ def write_comparison(path: str | Path, earlier: Report, later: Report) -> Path:
 
 def render(earlier: Report, later: Report) -> str:
     """Return the page."""
-    return html.template("comparison.html").render(view(earlier, later))
+    return template(html.PAGE / "comparison.html", *html.FILTERS).render(view(earlier, later))
 
 
 def read_report(path: str | Path) -> Report:

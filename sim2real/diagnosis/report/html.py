@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import mujoco
 import numpy as np
 from markupsafe import Markup
@@ -34,6 +33,7 @@ from sim2real.diagnosis.report import (
 from sim2real.diagnosis.report.recordings import recordings
 from sim2real.diagnosis.schema import Cause, JointGap, Report
 from sim2real.runs.files import write_text
+from sim2real.runs.pages import template
 
 PAGE = Path(__file__).parent / "page"
 SECONDS = 3.0  # of a window of a recording
@@ -43,6 +43,7 @@ TINT_DIGITS = 3  # after the point
 DARKEST, BEND = 0.8, 0.8  # tint of the whole gap, and the exponent of a share's
 START, SPAN = 0.04, 0.92  # of a line: where the typical values begin, and their length
 FRAME = 900  # px: height of a page in a notebook
+FILTERS = (text.quantity, text.percent, text.interval, text.degrees)
 STYLES = ("vendor/uplot.css", "colours.css", "style.css", "plots.css")
 SCRIPTS = (
     *("decode", "theme", "panel", "motion", "browser"),
@@ -65,21 +66,7 @@ def write_html(path: str | Path, report: Report) -> Path:
 
 def render(report: Report) -> str:
     """Return the page."""
-    return template("report.html").render(view(report))
-
-
-def template(name: str) -> jinja2.Template:
-    """Return a page's template; names from files are escaped in it."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(PAGE),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"quantity": text.quantity, "percent": text.percent}
-    environment.filters |= {"interval": text.interval, "degrees": text.degrees}
-    return environment.get_template(name)
+    return template(PAGE / "report.html", *FILTERS).render(view(report))
 
 
 def framed(report: Report) -> str:

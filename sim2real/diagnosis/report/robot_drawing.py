@@ -9,7 +9,7 @@ graphics library is needed. Where a model has meshes, their boxes stand for them
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -18,6 +18,8 @@ from markupsafe import Markup
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
+from sim2real.diagnosis.data.pairs import TURN
+from sim2real.diagnosis.data.recording import home
 from sim2real.diagnosis.report import text
 
 WIDTH, HEIGHT, MARGIN, LABEL = 620.0, 330.0, 26.0, 150.0  # units; labels stand left and right
@@ -35,6 +37,9 @@ TINT_DIGITS = 3
 SPHERE, CAPSULE = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
 MIDDLE, LONG = np.zeros((1, 3)), np.array([0.0, 0.0, 1.0])  # of a sphere; a capsule's axis
 PLANES = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
+
+
+_Place = Callable[[np.ndarray], np.ndarray]  # where a projected point is in the picture
 
 
 class _Shape(NamedTuple):
@@ -72,9 +77,7 @@ def robot(model: mujoco.MjModel, shares: Mapping[str, float]) -> Markup:
 def at_home(model: mujoco.MjModel) -> mujoco.MjData:
     """Return a model in its keyframe `home`, else as it is by default."""
     data = mujoco.MjData(model)
-    home = next((k for k in range(model.nkey) if model.key(k).name == "home"), None)
-    if home is not None:
-        mujoco.mj_resetDataKeyframe(model, data, home)
+    data.qpos[:] = home(model)[0]
     mujoco.mj_forward(model, data)
     return data
 
@@ -121,7 +124,7 @@ def _corners(model: mujoco.MjModel, geom: int) -> np.ndarray:
     """Return points on the outline of a geom in its own frame, (n, 3)."""
     middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
     if int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_CYLINDER):
-        turn = np.linspace(0, 2 * np.pi, RIM, endpoint=False)
+        turn = np.linspace(0, TURN, RIM, endpoint=False)
         rim = model.geom_size[geom, 0] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
         long = float(model.geom_size[geom, 1])
         return np.concatenate([np.column_stack([rim, np.full(RIM, z)]) for z in (-long, long)])
@@ -139,19 +142,10 @@ def _fit(shapes: Sequence[_Shape], joints: Sequence[np.ndarray]) -> tuple[_Place
     """Return how points come into the picture, and the size of a metre there."""
     low = np.min([*(s.points.min(axis=0) - s.radius for s in shapes), *joints], axis=0)
     high = np.max([*(s.points.max(axis=0) + s.radius for s in shapes), *joints], axis=0)
-    room = np.array([WIDTH - 2 * LABEL, HEIGHT - 2 * MARGIN])
+    size, middle = np.array([WIDTH, HEIGHT]), (low + high) / 2
+    room = size - 2 * np.array([LABEL, MARGIN])
     scale = float((room / np.maximum(high - low, SMALLEST)).min())
-    return _Place((low + high) / 2, scale), scale
-
-
-class _Place:
-    """Where a projected point is in the picture."""
-
-    def __init__(self, middle: np.ndarray, scale: float) -> None:
-        self._middle, self._scale = middle, scale
-
-    def __call__(self, points: np.ndarray) -> np.ndarray:
-        return (points - self._middle) * self._scale + np.array([WIDTH / 2, HEIGHT / 2])
+    return lambda points: (points - middle) * scale + size / 2, scale
 
 
 def _draw(shape: _Shape, place: _Place, scale: float) -> Markup:

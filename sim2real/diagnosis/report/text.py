@@ -12,6 +12,9 @@ from sim2real.diagnosis.schema import Cause, Report
 from sim2real.diagnosis.settings import TINY
 
 SMALL = {"rad": "mrad", "m": "mm", "s": "ms", "N·m": "mN·m", "kg": "g", "V": "mV"}  # thousandths
+DIGITS, LEAST = 3, 1e-3  # of a number, and the smallest that is shown
+PLACES, MOST = 7, 1e6  # decimals, and the size, beyond which a number has an exponent
+HALF, TENTH = 0.005, 0.0005  # shares that round to a percent, and to a tenth of one
 NOISE = 2.0  # floors that noise accounts for
 SINGLY = 4  # causes that a sentence names with their places
 CROWD = 3  # causes at one joint that may stand for a missing law: benchmarks/notebook/exam.md
@@ -52,8 +55,9 @@ def percent(share: float | None) -> str:
     """Return a share as a whole percentage; tenths next to 0 and 100 where they matter."""
     if share is None:
         return "–"
-    digits = 1 if 0.995 < abs(share) < 0.9995 or 0.0005 <= abs(share) < 0.01 else 0
-    return f"{100 * share:.{digits}f}\N{NO-BREAK SPACE}%"
+    size = abs(share)
+    digits = 1 if TENTH <= size < 2 * HALF or 1 - HALF < size < 1 - TENTH else 0
+    return f"{share:.{digits}%}".replace("%", "\N{NO-BREAK SPACE}%")
 
 
 def degrees(value: float, unit: str) -> str:
@@ -213,14 +217,14 @@ def _scaled(value: float, unit: str, like: float) -> tuple[str, str]:
 
 def _least(value: float) -> str:
     """Return three digits, or that it is next to nothing."""
-    return "< 0.001" if 0 < abs(value) < 5e-4 else _digits(value)
+    return f"< {LEAST:g}" if 0 < abs(value) < LEAST / 2 else _digits(value)
 
 
 def _digits(value: float) -> str:
     """Return three digits without an exponent where a person would write none."""
     if value == 0 or not math.isfinite(value):
         return "0" if value == 0 else str(value)
-    places = max(0, 2 - math.floor(math.log10(abs(value))))
-    if places > 7 or abs(value) >= 1e6:
+    places = max(0, DIGITS - 1 - math.floor(math.log10(abs(value))))
+    if places > PLACES or abs(value) >= MOST:
         return f"{value:.2e}"
     return f"{value:.{places}f}".replace("-", "−")

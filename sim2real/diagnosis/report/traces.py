@@ -18,6 +18,7 @@ import numpy as np
 from envs.effects.servo import is_joint_servo
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.recording import episode_rows
 from sim2real.diagnosis.evidence import Kind, Signal, Trace
 
 Errors = Mapping[frozenset[int], np.ndarray]
@@ -42,16 +43,9 @@ def traces(data: Data, errors: Errors, floors: np.ndarray) -> tuple[Trace, ...]:
     return tuple(
         trace
         for number, log in enumerate(data.logs)
-        for rows in _episodes(log)
+        for rows in episode_rows(log)
         for trace in _traces(data, errors, floors, number, rows)
     )
-
-
-def _episodes(log: Log) -> Iterator[slice]:
-    start = 0
-    for part in log.episodes():
-        yield slice(start, start + len(part))
-        start += len(part)
 
 
 def _traces(
@@ -105,7 +99,7 @@ def signals(logs: Sequence[Log], models: Sequence[mujoco.MjModel]) -> tuple[Sign
 def _signals(number: int, pair: tuple[Log, mujoco.MjModel]) -> Iterator[Signal]:
     log, model = pair
     name = log.path.name if log.path else f"log {number + 1}"
-    for rows in _episodes(log):
+    for rows in episode_rows(log):
         about = (name, int(log.episode[rows.start]))
         for column, values in log.columns.items():
             kind, _, actuator = column.partition(".")

@@ -1,7 +1,7 @@
 """Every number that steers a diagnosis, by stage, with unit, meaning and origin.
 
     from dataclasses import replace
-    from sim2real.diagnosis.settings import DEFAULT, Search
+    from sim2real.diagnosis.settings import DEFAULT, Inference
     diagnose("logs/", "arm.xml", settings=replace(DEFAULT, inference=Inference(members_max=2)))
 
 A report lists all of them in "How this was made".
@@ -9,71 +9,28 @@ A report lists all of them in "How this was made".
 
 from dataclasses import dataclass, field
 
-from sim2real.diagnosis.settings.base import TINY, TINY_SQUARE, Row, rows, setting
-from sim2real.diagnosis.settings.closed_loop import ClosedLoopSettings
-from sim2real.diagnosis.settings.comparison import Compared
-from sim2real.diagnosis.settings.contract import Contract
-from sim2real.diagnosis.settings.data import (
-    Bootstrap,
-    Dataset,
-    Encoder,
-    Kinds,
-    NoiseFloor,
-    Regimes,
-    Simulation,
-    Windows,
-)
-from sim2real.diagnosis.settings.experiment import Experiment
-from sim2real.diagnosis.settings.ground import Ground
-from sim2real.diagnosis.settings.inference import Cogging, Inference, Locating
-from sim2real.diagnosis.settings.numerics import Numerics
-from sim2real.diagnosis.settings.preflight import (
-    Channels,
-    Checks,
-    Clocks,
-    Hunting,
-    Lag,
-    Obstruction,
-    Servo,
-    Speeds,
-    Unlogged,
-)
-
-__all__ = [
-    "DEFAULT",
-    "TINY",
-    "TINY_SQUARE",
-    "Bootstrap",
-    "Channels",
-    "Checks",
-    "Clocks",
-    "ClosedLoopSettings",
-    "Cogging",
-    "Compared",
-    "Contract",
-    "Dataset",
-    "Encoder",
-    "Experiment",
-    "Ground",
-    "Hunting",
-    "Inference",
-    "Kinds",
-    "Lag",
-    "Locating",
-    "NoiseFloor",
-    "Numerics",
-    "Obstruction",
-    "Regimes",
-    "Row",
-    "Servo",
-    "Settings",
-    "Simulation",
-    "Speeds",
-    "Unlogged",
-    "Windows",
-    "rows",
-    "setting",
-]
+from sim2real.diagnosis.settings.base import TINY as TINY
+from sim2real.diagnosis.settings.base import TINY_SQUARE as TINY_SQUARE
+from sim2real.diagnosis.settings.base import Row as Row
+from sim2real.diagnosis.settings.base import rows as rows
+from sim2real.diagnosis.settings.base import setting as setting
+from sim2real.diagnosis.settings.closed_loop import ClosedLoopSettings as ClosedLoopSettings
+from sim2real.diagnosis.settings.comparison import Compared as Compared
+from sim2real.diagnosis.settings.contract import Contract as Contract
+from sim2real.diagnosis.settings.data import Bootstrap as Bootstrap
+from sim2real.diagnosis.settings.data import NoiseFloor as NoiseFloor
+from sim2real.diagnosis.settings.data import Numerics as Numerics
+from sim2real.diagnosis.settings.data import Regimes as Regimes
+from sim2real.diagnosis.settings.data import Simulation as Simulation
+from sim2real.diagnosis.settings.data import Windows as Windows
+from sim2real.diagnosis.settings.experiment import Experiment as Experiment
+from sim2real.diagnosis.settings.ground import Ground as Ground
+from sim2real.diagnosis.settings.inference import Cogging as Cogging
+from sim2real.diagnosis.settings.inference import Inference as Inference
+from sim2real.diagnosis.settings.inference import Locating as Locating
+from sim2real.diagnosis.settings.preflight import Hunting as Hunting
+from sim2real.diagnosis.settings.preflight import Obstruction as Obstruction
+from sim2real.diagnosis.settings.preflight import Preflight as Preflight
 
 
 @dataclass(frozen=True)
@@ -82,22 +39,13 @@ class Settings:
 
     obstruction: Obstruction = field(default_factory=Obstruction)
     hunting: Hunting = field(default_factory=Hunting)
-    kinds: Kinds = field(default_factory=Kinds)
-    encoder: Encoder = field(default_factory=Encoder)
     noise_floor: NoiseFloor = field(default_factory=NoiseFloor)
     windows: Windows = field(default_factory=Windows)
     ground: Ground = field(default_factory=Ground)
     simulation: Simulation = field(default_factory=Simulation)
-    dataset: Dataset = field(default_factory=Dataset)
     regimes: Regimes = field(default_factory=Regimes)
     bootstrap: Bootstrap = field(default_factory=Bootstrap)
-    channels: Channels = field(default_factory=Channels)
-    servo: Servo = field(default_factory=Servo)
-    speeds: Speeds = field(default_factory=Speeds)
-    clocks: Clocks = field(default_factory=Clocks)
-    lag: Lag = field(default_factory=Lag)
-    checks: Checks = field(default_factory=Checks)
-    unlogged: Unlogged = field(default_factory=Unlogged)
+    preflight: Preflight = field(default_factory=Preflight)
     contract: Contract = field(default_factory=Contract)
     numerics: Numerics = field(default_factory=Numerics)
     cogging: Cogging = field(default_factory=Cogging)

@@ -1,5 +1,6 @@
 """Settings of `diagnosis/comparison`: when a robot counts as changed."""
 
+import math
 from dataclasses import dataclass
 
 from sim2real.diagnosis.settings.base import COST, JUDGED, setting
@@ -36,19 +37,6 @@ class Compared:
         "chance, which must fit into 0.05 too",
     )
     draws: int = setting(2000, "1", "permutations of before and after", COST)
-    blocks_min: int = setting(
-        8,
-        "1",
-        "independent pieces below which nothing can be decided",
-        "derived: 2^-8 is well below the probability of a false alarm",
-    )
-    logs_min: int = setting(
-        6,
-        "1",
-        "pairs of logs (or logs per side) from which whole logs are permuted",
-        "derived: 2^-6 is below the probability of a false alarm",
-    )
-    same_command: float = setting(1e-3, "rad", "largest difference of equal commands", JUDGED)
     same_rows: float = setting(
         0.9,
         "1",
@@ -98,13 +86,6 @@ class Compared:
     shared_worth: float = setting(
         0.1, "1", "minimum fraction of the gap that a further shared effect closes", JUDGED
     )
-    shared_windows: int = setting(
-        12,
-        "1",
-        "windows to which they are fitted",
-        "measured: the four worst of an arm are free swings, in which friction has other optima",
-    )
-    shared_rounds: int = setting(6, "1", "steps of this fit", COST)
     little: float = setting(
         2.0,
         "1",
@@ -135,17 +116,11 @@ class Compared:
         "change of all motors' strength with temperature (standard deviation)",
         "derived: copper resists 0.4 % more a kelvin",
     )
-    unequal_friction: float = setting(
+    unequal: float = setting(
         0.005,
         "1/K",
-        "further change of one joint's friction with temperature; at equal temperatures, that "
-        "of one kelvin",
-        "judgement: half of what it does to all joints (grease thins by about 1 % a kelvin)",
-    )
-    unequal_strength: float = setting(
-        0.005,
-        "1/K",
-        "the same of one motor's strength or gain",
+        "further change of one joint's friction, strength or gain with temperature; at equal "
+        "temperatures, that of one kelvin",
         "measured: four pairs of an emulated arm2 that became warmer by 4 to 8 K differed by 0.3 "
         "to 0.4 % a kelvin between joints that warmed alike",
     )
@@ -164,3 +139,13 @@ class Compared:
         "effects that temperature changes in all joints alike",
         "derived: grease thins, copper resists, magnets weaken",
     )
+
+    @property
+    def logs_min(self) -> int:
+        """Pairs of logs (or logs per side) from which whole logs are permuted: 2^-n < alpha."""
+        return math.ceil(-math.log2(self.alpha))
+
+    @property
+    def blocks_min(self) -> int:
+        """Independent pieces below which nothing can be decided: 2^-n is a quarter of that."""
+        return self.logs_min + 2

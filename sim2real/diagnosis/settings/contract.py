@@ -1,5 +1,6 @@
 """Settings of `diagnosis/contract`: when a fault of the policy's interface is named."""
 
+import math
 from dataclasses import dataclass
 
 from sim2real.diagnosis.settings.base import COST, JUDGED, setting
@@ -31,12 +32,6 @@ class Contract:
         "number of independent rows that a log counts as, in the choice between faults",
         JUDGED,
     )
-    price: float = setting(
-        20.8,
-        "nat",
-        "gain in log likelihood that each further change must bring",
-        "derived: 30 rows / 2 x ln 4, one number's RMS misfit halved",
-    )
     free_price: float = setting(
         1.5, "1", "price of a change with a fitted value, relative to one without", JUDGED
     )
@@ -51,23 +46,18 @@ class Contract:
     ways_few: int = setting(
         4, "1", "number of alternatives of a term up to which each is tried at every age", COST
     )
-    holds: tuple[int, ...] = setting(
-        (2, 3, 4, 5), "1", "numbers of rows for which a value may be held", JUDGED
-    )
     filters: tuple[float, ...] = setting(
         (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9), "1", "smoothing factors tried", COST
     )
-    strides: tuple[int, ...] = setting((2, 3, 4), "1", "steps between a history's frames", JUDGED)
     rows_min: int = setting(20, "1", "rows needed for an answer", JUDGED)
     rows_few: int = setting(4, "1", "minimum number of unclipped rows of a number", JUDGED)
     draws: int = setting(200, "1", "resamples for the certainty of a fault", COST)
     blocks: int = setting(20, "1", "blocks of rows in the bootstrap", JUDGED)
-    rate_error: float = setting(
-        0.1, "1", "largest relative difference between the rate and the time stamps", JUDGED
-    )
-    gain_ratio: tuple[float, float] = setting(
-        (0.8, 1.25), "1", "ratios of measured and described gains that agree", JUDGED
-    )
-    gain_share: float = setting(
-        0.8, "1", "fraction of the torque's variance that the gains must explain", JUDGED
-    )
+
+    @property
+    def price(self) -> float:
+        """Gain in log likelihood that each further change must bring [nats].
+
+        That of halving the RMS misfit of one number.
+        """
+        return self.effective_rows * math.log(2)

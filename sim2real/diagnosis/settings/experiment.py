@@ -13,19 +13,7 @@ class Experiment:
     motion_s: float = setting(8.0, "s", "length of a motion", JUDGED)
     size: float = setting(0.6, "1", "fraction of the distance to the limits", JUDGED)
     size_min: float = setting(0.2, "1", "smallest fraction that is drawn", JUDGED)
-    size_max: float = setting(0.95, "1", "largest fraction that is drawn", JUDGED)
-    count: float = setting(
-        2 * math.pi / 4096,
-        "rad",
-        "encoder count if no noise floor is known",
-        "derived: 12 bits a turn",
-    )
     apart_min: float = setting(3.0, "1", "noise floors that separate explanations", JUDGED)
-    apart_sure: float = setting(
-        6.0, "1", "noise floors at which longer motions are not needed", JUDGED
-    )
-    past_s: float = setting(5.0, "s", "length of a recording that refits must reproduce", JUDGED)
-    past_most: int = setting(4, "1", "maximum number of such pieces", JUDGED)
     fall_s: float = setting(2.0, "s", "time without torque in which a robot may fall", JUDGED)
     fallen: float = setting(0.5, "rad", "motion above which it has fallen", JUDGED)
     robot: str = setting(
@@ -35,10 +23,13 @@ class Experiment:
         "convention: a desk-top servo",
     )
     edge: float = setting(0.05, "1", "part of the range too close to a limit for a start", JUDGED)
-    gain: float = setting(0.5, "1", "factor on the P gain", JUDGED)
     gain_s: float = setting(5.0, "s", "time to change a register", JUDGED)
     hand_s: float = setting(60.0, "s", "time to change something by hand", JUDGED)
     supply: float = setting(0.85, "1", "factor on the supply voltage", JUDGED)
     load: float = setting(0.3, "1", "added mass, relative to the moving mass", JUDGED)
-    load_radius: float = setting(0.005, "m", "radius of the ball that represents it", JUDGED)
     tilt: float = setting(math.pi / 6, "rad", "tilt of the base", JUDGED)
+
+    @property
+    def apart_sure(self) -> float:
+        """Noise floors that need no longer motion: twice those that separate."""
+        return 2 * self.apart_min

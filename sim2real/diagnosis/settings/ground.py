@@ -21,8 +21,9 @@ class Ground:
     )
     slip_m_s: float = setting(0.2, "m/s", "speed above which a foot in contact slips", GAIT)
     sole_m_s: float = setting(0.06, "m/s", "speed of a standing foot, which rolls and yields", GAIT)
-    sole_m: float = setting(0.002, "m", "height of a standing foot", GAIT)
-    rise_m: float = setting(0.002, "m", "standard deviation of a height step between rows", GAIT)
+    sole_m: float = setting(
+        0.002, "m", "height of a standing foot, and of a step of the height between rows", GAIT
+    )
     stance_m_s2: float = setting(
         8.0,
         "m/s²",
@@ -39,34 +40,43 @@ class Ground:
         0.1, "1", "standard deviation of a slope, relative to its change between rows", JUDGED
     )
     speed_doubt: float = setting(
-        0.05, "rad/s", "minimum standard deviation of a joint speed", JUDGED
-    )
-    spin_doubt: float = setting(
-        0.05, "rad/s", "standard deviation of the base's rotation rate", JUDGED
+        0.05,
+        "rad/s",
+        "minimum standard deviation of a joint's speed and of the base's rotation rate",
+        JUDGED,
     )
     walk_doubt: tuple[float, float] = setting(
         (0.15, 0.4), "m/s", "minimum and maximum standard deviation of the base's speed", JUDGED
     )
     window_s: float = setting(0.3, "s", "length of a window", GAIT)
-    difference: float = setting(0.5, "1", "step of finite differences, in deviations", JUDGED)
     height_doubt: float = setting(0.003, "m", "standard deviation of the base's height", JUDGED)
     turn_doubt: float = setting(0.005, "rad", "standard deviation of the base's rotation", JUDGED)
-    reading_doubt: float = setting(0.002, "rad", "standard deviation of a joint's position", JUDGED)
     late_doubt: float = setting(
         0.02,
         "s",
         "delay of readings; times the usual speed, it adds to the standard deviation of positions",
         JUDGED,
     )
-    turn_floor: float = setting(0.002, "rad", "noise of the base's orientation", JUDGED)
-    error_rad: float = setting(0.002, "rad", "size of errors not caused by a wrong start", JUDGED)
-    trusted_rad: float = setting(
-        0.004, "rad", "error of a model up to which it may correct starts", GAIT
+    error_rad: float = setting(
+        0.002,
+        "rad",
+        "noise of a joint's position and of the base's orientation",
+        JUDGED,
+    )
+    told_rad: float = setting(
+        0.02,
+        "rad",
+        "orientation error of a push, tilt of the ground, bias of a gyro [rad/s] worth a finding",
+        JUDGED,
+    )
+    told_share: float = setting(
+        0.1,
+        "1",
+        "reported part of a stance with slip, and scale error of a gyro; of windows, above which "
+        "none is a push",
+        JUDGED,
     )
     step_max: float = setting(3.0, "1", "largest correction of a start, in deviations", JUDGED)
-    step_shares: tuple[float, ...] = setting(
-        (1.0, 0.5), "1", "tried fractions of the smoother's step", COST
-    )
     grips: tuple[float, float] = setting(
         (0.7, 1.5),
         "1",
@@ -77,20 +87,9 @@ class Ground:
         0.5, "1", "change, in noise floors, above which friction is identified", JUDGED
     )
     stands: float = setting(0.5, "1", "contact weight above which a foot stands", JUDGED)
-    seen: float = setting(
-        0.02, "1", "minimum fraction of rows in which a foot is in contact", JUDGED
-    )
-    slips: float = setting(0.1, "1", "smallest reported fraction of a stance with slip", JUDGED)
-    bias_rad_s: float = setting(0.02, "rad/s", "smallest reported bias of a gyro", JUDGED)
-    scale_off: float = setting(0.1, "1", "smallest reported scale error of a gyro", JUDGED)
-    late_s: float = setting(0.004, "s", "smallest reported latency of a gyro", JUDGED)
-    smoothing: tuple[float, float, float] = setting(
-        (1 / 6, 2 / 3, 1 / 6), "1", "weights of three rows", "derived: Simpson's rule"
-    )
-    edge: int = setting(2, "1", "rows without slopes at both ends of an episode", JUDGED)
+    seen: float = setting(0.02, "1", "fraction of rows in contact that makes a foot", JUDGED)
+    late_s: float = setting(0.004, "s", "latency of a gyro that is reported", JUDGED)
     tilt_most: float = setting(0.15, "rad", "largest tilt of the ground that is tried", JUDGED)
-    tilt_grid: int = setting(13, "1", "tilts tried about each axis", COST)
-    tilt_rad: float = setting(0.02, "rad", "smallest reported tilt of the ground", JUDGED)
     tilt_better: float = setting(
         0.7,
         "1",
@@ -100,15 +99,6 @@ class Ground:
     push_times: float = setting(
         8.0, "1", "minimum orientation error of a pushed window, relative to the median", JUDGED
     )
-    push_rad: float = setting(0.02, "rad", "minimum orientation error of a pushed window", JUDGED)
-    odd_times: float = setting(
-        3.0,
-        "1",
-        "orientation error above which a window gets a smaller weight, relative to the median",
-        JUDGED,
-    )
-    odd_rad: float = setting(0.004, "rad", "minimum orientation error of such a window", JUDGED)
-    push_share: float = setting(0.1, "1", "fraction of windows above which none is a push", JUDGED)
     narrow_m2: float = setting(
         1e-3, "m²", "twice the area of the smallest triangle that supports a robot", JUDGED
     )

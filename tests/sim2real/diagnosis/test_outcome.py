@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from envs.effects import EFFECTS, load_effects, make
-from hardware.log import Log
-from sim2real.diagnosis import additions, diagnose
+from hardware.log import Log, read_logs
+from sim2real.diagnosis import additions
 from sim2real.diagnosis.diagnose import run_diagnosis
 from sim2real.diagnosis.numerics import NullTest
 from sim2real.diagnosis.outcome import Diagnosis, final_message, write
@@ -112,7 +112,7 @@ def test_a_model_of_boxes_can_carry_a_load() -> None:
 def test_a_log_in_memory_is_diagnosed_like_a_list_of_one() -> None:
     """`diagnose(log, model)` reads nothing from disk and takes the log as it is."""
     log = arm.make_log(seconds=1.0)
-    assert diagnose._read(log) == [log] == diagnose._read([log])
+    assert read_logs(log) == [log] == read_logs([log])
 
 
 @pytest.mark.slow

@@ -109,7 +109,7 @@ def test_few_numbers_have_no_name() -> None:
 def test_every_setting_says_what_it_is() -> None:
     """Unit, meaning and origin of each, and no number of two names in one stage."""
     described = list(rows(DEFAULT))
-    assert len(described) <= 360  # fewer is better
+    assert len(described) <= 240  # fewer is better
     for row in described:
         assert row.meaning, row
         assert row.origin.startswith(ORIGINS), row
@@ -133,7 +133,7 @@ def test_settings_reach_the_stages(tmp_path: Path) -> None:
     log = arm.make_log(("coulomb_friction", {"where": "a"}, 0.1))
     blocks = []
     for seconds in (1.0, 0.25):
-        chosen = Settings(dataset=settings.Dataset(block_s=seconds))
+        chosen = Settings(bootstrap=settings.Bootstrap(block_s=seconds))
         data = Data.of([log], tmp_path / "arm.xml", chosen)
         assert data.settings is chosen
         blocks.append(len(np.unique(data.blocks())))

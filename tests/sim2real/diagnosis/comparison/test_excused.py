@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim2real.diagnosis.comparison.compare import Prepared, prepare
 from sim2real.diagnosis.comparison.confounders import confounders
 from sim2real.diagnosis.comparison.excused import Excused, excuse
 from sim2real.diagnosis.comparison.pieces import Pieces, contrasts
+from sim2real.diagnosis.comparison.prepared import Prepared, prepare
 from sim2real.diagnosis.settings import DEFAULT, Settings
 from tests.sim2real.diagnosis import arm
 from tests.sim2real.diagnosis.comparison.test_compare import WATCH, noisy
@@ -32,18 +32,11 @@ def excused(model: str, rounds: int) -> tuple[Pieces, Excused, Prepared]:
     ]
     made = prepare(logs, model, [], WATCH, settings)
 
-    def contrast(error: np.ndarray) -> Pieces:
-        own = (made.partner, made.response, error, made.windows, made.motions, BEFORE, AFTER)
-        return contrasts(made.data, *own)
-
-    first = contrast(made.error)
-    columns = made.response.columns
-    beside = confounders(made.data, columns, BEFORE, AFTER, True, made.friction)
-    later = np.array([i for i, w in enumerate(made.data.windows) if w.log in AFTER], int)
+    first = contrasts(made, made.error, BEFORE, AFTER)
+    beside = confounders(made, BEFORE, AFTER, True)
     ends = np.tile([[-np.inf], [np.inf]], len(beside.excused))
-    own = (made.simulator, made.watch, made.response, made.error, later, beside.excused)
-    own = (*own, ends, beside.prior, contrast)
-    return first, excuse(first, *own), made
+    left = excuse(first, made, (BEFORE, AFTER), beside.excused, ends, beside.prior)
+    return first, left, made
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +73,7 @@ def test_what_may_be_a_kelvins_is_no_change(model, warm: float, kelvins: float) 
     names = ("coulomb_friction", "viscous_friction", "motor_strength", "encoder_offset")
     made = prepare(logs, model, [], names, DEFAULT)
     columns = made.response.columns
-    least = confounders(made.data, columns, BEFORE, AFTER, True, made.friction).least
+    least = confounders(made, BEFORE, AFTER, True).least
     joints = [j.name for j in made.data.joints]
     own = dict.fromkeys(joints, 0.0)
     for k, size in made.friction.items():

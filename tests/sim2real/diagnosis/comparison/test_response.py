@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim2real.diagnosis.comparison.compare import prepare
+from sim2real.diagnosis.comparison.prepared import prepare
 from sim2real.diagnosis.comparison.response import respond, watched
 from sim2real.diagnosis.settings import DEFAULT
 from tests.sim2real.diagnosis import arm

@@ -86,7 +86,7 @@ BAD = {
     "too few scales": (changed(observation=[{"term": "gyro", "scale": [1, 2]}]), "2 numbers for 3"),
     "a joint that is not there": (
         changed(observation=[{"term": "joint_velocity", "joints": ["c"]}]),
-        "unknown joint 'c'",
+        "joint: 'c' is unknown",
     ),
     "a pose in degrees": (changed(default_pose=[10.0, 45.0]), "within a turn"),
     "a pose of three": (changed(default_pose=[0.1, 0.2, 0.3]), "must be 2 angles"),

@@ -12,6 +12,7 @@ from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import errors_as_given
 from sim2real.diagnosis.ground.estimate import Estimate
 from sim2real.diagnosis.ground.logs import estimate_all
+from sim2real.diagnosis.ground.starts import clear_starts
 from sim2real.diagnosis.ground.windows import grounded
 from sim2real.diagnosis.inference.candidates import candidates
 from sim2real.diagnosis.settings import DEFAULT
@@ -63,8 +64,8 @@ def left(estimates: list[Estimate], name: str | None, values: list[float]) -> fl
     fixed = [] if name is None else [(make(name), tuple(values))]
     data = grounded(Data.of([one.log for one in estimates]), estimates, fixed)
     error = errors_as_given(data, data.windows, fixed)
-    assert data.nuisance is not None
-    cleared = data.nuisance.clear(np.arange(len(error)), error)
+    assert data.starts is not None
+    cleared = clear_starts(error, data.starts, DEFAULT.ground.error_rad)
     return float(np.sqrt(data.mean_squares(cleared).mean()))
 
 

@@ -8,10 +8,13 @@ import pytest
 
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.diagnose import diagnose
 from sim2real.diagnosis.ground.estimate import Estimate
 from sim2real.diagnosis.ground.logs import estimate_all
 from sim2real.diagnosis.ground.pushes import check_pushes
+from sim2real.diagnosis.ground.starts import clear_starts
 from sim2real.diagnosis.ground.windows import grounded
+from sim2real.diagnosis.inference.replayer import Replayer
 from sim2real.diagnosis.locate import as_gaps
 from sim2real.diagnosis.settings import DEFAULT
 from sim2real.runs.errors import Sim2RealError
@@ -53,15 +56,17 @@ def test_the_robots_own_model_follows_to_an_encoder_count(cut: Cut) -> None:
 
 
 def test_a_start_that_is_off_is_no_error(cut: Cut) -> None:
-    """Every window begins 0.1 m/s too fast: seen without the nuisance, not with it."""
+    """Every window begins 0.1 m/s too fast: seen, and put down to the starts."""
     _, data, _ = cut
     wrong = []
     for window in data.windows:
         qvel = window.recording.qvel.copy()
         qvel[:2] += 0.1
         wrong.append(window._replace(recording=window.recording._replace(qvel=qvel)))
-    off = replace(data.with_windows(wrong), nuisance=data.nuisance)
-    plain, cleared = errors(replace(off, nuisance=None)), errors(off)
+    assert data.starts is not None
+    every = np.arange(len(wrong))
+    plain = Simulator(data.with_windows(wrong)).run((), every, np.zeros((len(every), 0))).error
+    cleared = clear_starts(plain, data.starts, DEFAULT.ground.error_rad)
     assert np.linalg.norm(plain) > 2 * np.linalg.norm(cleared)
 
 
@@ -92,31 +97,6 @@ def test_a_push_is_told_and_left_out(cut: Cut) -> None:
     assert all(1.6 < moment < 2.1 for moment in moments)
 
 
-@pytest.mark.slow
-def test_a_light_push_makes_its_window_count_for_less() -> None:
-    """No window goes; those about the push weigh less, and the report tells when."""
-    data, estimates = pushed(0.3)
-    assert data.nuisance is not None
-    light = [w for w, k in zip(data.windows, data.nuisance.weight, strict=True) if k < 1]
-    assert 0 < len(light) < 3
-    assert all(1.6 < estimates[0].log.time[w.start] < 2.1 for w in light)
-    (finding,) = check_pushes(data, estimates, DEFAULT.ground)
-    assert finding.check == "odd"
-
-
-def test_a_window_that_counts_for_less_has_smaller_errors(cut: Cut) -> None:
-    """By its weight, whatever is simulated; the others stay."""
-    _, data, _ = cut
-    assert data.nuisance is not None
-    weight = np.ones(len(data.windows))
-    weight[1] = 0.5
-    every, rng = np.arange(len(weight)), np.random.default_rng(0)
-    error = rng.normal(size=(len(weight), *data.measured.shape[1:]))
-    plain = data.nuisance.clear(every, error)
-    less = data.nuisance.weighed(weight).clear(every, error)
-    np.testing.assert_allclose(less, weight[:, None, None] * plain)
-
-
 def test_the_gap_of_a_turn_lies_where_its_windows_say(cut: Cut) -> None:
     """Measured and simulated turns have one heading: their difference is the error."""
     _, data, _ = cut
@@ -125,3 +105,20 @@ def test_the_gap_of_a_turn_lies_where_its_windows_say(cut: Cut) -> None:
     (gap,) = as_gaps(data, error)
     off = np.sqrt(np.mean((gap.simulated - gap.measured) ** 2, axis=0))
     assert np.allclose(off, data.scale * np.sqrt(data.mean_squares(error)))
+
+
+def test_a_turn_stays_where_joints_keep_their_speed(cut: Cut) -> None:
+    """A quaternion's parts have no speed of their own; joints move on."""
+    _, data, _ = cut
+    replayer = Replayer(data)
+    stays, moves = replayer.holding(), replayer.coasting()
+    assert np.array_equal(stays[..., 8:], moves[..., 8:])
+    assert not np.allclose(stays[..., :8], moves[..., :8])
+
+
+@pytest.mark.slow
+def test_a_walk_of_the_model_itself_has_no_gap() -> None:
+    """From estimated starts to the verdict."""
+    report = diagnose(without(trot().log, "accelerometer"))
+    assert report.verdict == "no_gap"
+    assert "base" in {finding.check for finding in report.preflight}

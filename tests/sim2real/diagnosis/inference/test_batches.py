@@ -75,21 +75,3 @@ def test_effects_in_another_order_have_a_batch_of_their_own(data: Data) -> None:
     simulator = Counting(data, threads=1)
     simulate_each(simulator, [rows(one, other), rows(other, one), rows(one), rows(other)])
     assert simulator.batches == [2, 2]
-
-
-def test_what_was_simulated_is_remembered(data: Data) -> None:
-    """Only rows that are new are simulated, and those that are to be forgotten every time."""
-    options = {option.label: option for option in candidates(data)}
-    one = rows(options["coulomb_friction.a"])
-    simulator = Simulator(data, threads=1)
-    (first,) = simulate_each(simulator, [one])
-    steps = simulator.steps
-    more = Rows(one.members, np.array([0, 1, 2]), np.tile(one.values[:1], (3, 1)))
-    (again,) = simulate_each(simulator, [more])
-    assert 0 < simulator.steps - steps < steps  # window 1
-    for old, new in zip(first, again, strict=True):
-        assert np.array_equal(old, new[[0, 2]])
-    steps = simulator.steps
-    (anew,) = simulate_each(simulator, [more], remember=False)
-    assert simulator.steps - steps > steps / 2
-    assert all(np.array_equal(a, b) for a, b in zip(again, anew, strict=True))
