@@ -116,7 +116,7 @@ def test_the_same_seed_gives_the_same_numbers() -> None:
 
 def test_logs_that_cannot_be_compared_are_refused() -> None:
     """One episode, another rate, no channel in common: a sentence each."""
-    with pytest.raises(Sim2RealError, match="hold 1 episode"):
+    with pytest.raises(Sim2RealError, match="contain 1 episode"):
         check_closed_loop(robot(0.5, episodes=1), Swing(), WEAK, 0, FEW)
     fast = Swing()
     fast.step = STEP / 2
