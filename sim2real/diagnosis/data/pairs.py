@@ -19,6 +19,15 @@ def is_scalar(model: mujoco.MjModel, joint: int) -> bool:
     return int(model.jnt_type[joint]) in SCALAR
 
 
+def carriers(model: mujoco.MjModel, body: int) -> list[int]:
+    """Return a body and those that carry it, but the world."""
+    found = []
+    while body > 0:
+        found.append(body)
+        body = int(model.body_parentid[body])
+    return found
+
+
 def joints_of(pairs: Pairs) -> list[str]:
     """The hinges and slides that are logged, in the first model's order."""
     logged = {name for log, _ in pairs for name in log.joints}

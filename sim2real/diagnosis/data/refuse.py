@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from hardware.log import Log
+from sim2real.diagnosis.data.pairs import carriers
 from sim2real.diagnosis.data.recording import columns_of
 from sim2real.diagnosis.settings import DEFAULT, Settings
 from sim2real.runs.errors import Sim2RealError
@@ -19,9 +20,10 @@ def refuse_loose_base(log: Log, model: mujoco.MjModel, joints: Sequence[str]) ->
 
     A replay would start it at rest in its keyframe, in the middle of whatever it did.
     """
-    carriers = {b for name in joints for b in _carriers(model, model.joint(name).id)}
+    bodies = [int(model.jnt_bodyid[model.joint(name).id]) for name in joints]
+    above = {b for body in bodies for b in carriers(model, body)}
     for i in range(model.njnt):
-        if int(model.jnt_type[i]) != FREE or int(model.jnt_bodyid[i]) not in carriers:
+        if int(model.jnt_type[i]) != FREE or int(model.jnt_bodyid[i]) not in above:
             continue
         columns = [f"qpos.{name}" for name in columns_of(model, i)[0]]
         missing = [column for column in columns if column not in log.columns]
@@ -65,12 +67,3 @@ def refuse_sparse(log: Log, settings: Settings = DEFAULT) -> None:
                 f"{steps[row - 1]:.4g} s after the one before, where {usual:.3g} s are usual; "
                 "correct its `time`, or begin another episode there"
             )
-
-
-def _carriers(model: mujoco.MjModel, joint: int) -> list[int]:
-    """Return the body of a joint and those that carry it."""
-    found, body = [], int(model.jnt_bodyid[joint])
-    while body > 0:
-        found.append(body)
-        body = int(model.body_parentid[body])
-    return found

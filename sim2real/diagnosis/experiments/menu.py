@@ -18,6 +18,7 @@ from envs.effects.servo import is_joint_servo
 from envs.errors import EnvsError
 from hardware.config import Robot
 from hardware.excite import Kind
+from sim2real.diagnosis.data.pairs import carriers
 from sim2real.diagnosis.settings import DEFAULT
 from sim2real.diagnosis.settings import Experiment as Limits
 
@@ -159,16 +160,9 @@ def _spare_mass(spec: mujoco.MjSpec, settings: Limits) -> float:
     except EnvsError:
         return 0.0
     joints = {int(b) for b in model.jnt_bodyid}
-    moving = sum(float(model.body_mass[b]) for b in range(model.nbody) if _moves(model, b, joints))
+    bodies = [b for b in range(model.nbody) if joints & set(carriers(model, b))]
+    moving = float(model.body_mass[bodies].sum())
     return float(f"{settings.load * moving:.1g}")
-
-
-def _moves(model: mujoco.MjModel, body: int, joints: set[int]) -> bool:
-    while body:
-        if body in joints:
-            return True
-        body = int(model.body_parentid[body])
-    return False
 
 
 def _load(mass: float, spec: mujoco.MjSpec) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from envs.effects.contact import ground, soles
 from envs.effects.places import driven_joints
 from hardware.log import Log
+from sim2real.diagnosis.data.pairs import carriers
 from sim2real.diagnosis.data.recording import columns_of
 
 FREE, SLIDE = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_SLIDE)
@@ -79,12 +80,12 @@ def base_of(log: Log, model: mujoco.MjModel) -> Base | None:
     if not (floors.size and feet.size):
         return None
     driven = driven_joints(model)
-    carriers = {b for j in driven for b in _chain(model, int(model.jnt_bodyid[j]))}
+    above = {b for j in driven for b in carriers(model, int(model.jnt_bodyid[j]))}
     loose = [
         j
         for j in range(model.njnt)
         if j not in driven
-        and int(model.jnt_bodyid[j]) in carriers
+        and int(model.jnt_bodyid[j]) in above
         and not all(f"qpos.{n}" in log.columns for n in columns_of(model, j)[0])
     ]
     free = [j for j in loose if int(model.jnt_type[j]) == FREE]
@@ -94,7 +95,9 @@ def base_of(log: Log, model: mujoco.MjModel) -> Base | None:
     first, dof = int(model.jnt_qposadr[own[0]]), int(model.jnt_dofadr[own[0]])
     none = np.zeros(0, int)
     body = int(model.jnt_bodyid[own[-1]])
-    standing = np.array([g for g in feet if body in _chain(model, int(model.geom_bodyid[g]))], int)
+    standing = np.array(
+        [g for g in feet if body in carriers(model, int(model.geom_bodyid[g]))], int
+    )
     if not standing.size:
         return None
     if free:
@@ -102,15 +105,6 @@ def base_of(log: Log, model: mujoco.MjModel) -> Base | None:
         return Base(tuple(own), body, *parts, dof + 3 + np.arange(3), standing, int(floors[0]))
     qpos, dofs = (getattr(model, name)[own].astype(int) for name in ("jnt_qposadr", "jnt_dofadr"))
     return Base(tuple(own), body, qpos, dofs, none, none, standing, int(floors[0]))
-
-
-def _chain(model: mujoco.MjModel, body: int) -> list[int]:
-    """Return a body and those that carry it."""
-    found = []
-    while body > 0:
-        found.append(body)
-        body = int(model.body_parentid[body])
-    return found
 
 
 def imu_of(log: Log, model: mujoco.MjModel, base: Base) -> Imu | None:
