@@ -134,7 +134,7 @@ def test_a_simulation_of_another_robot_is_refused() -> None:
     """What is drawn must be what the simulation has, within what its parameters mean."""
     world = Plant(Hopper().spec(), [MASS, FRICTION]).space
     found().check(world)
-    with pytest.raises(ParameterError, match=r"of 2 parameters .* the simulation has 1"):
+    with pytest.raises(ParameterError, match=r"has 2 parameters .* the simulation has 1"):
         found().check(Plant(Hopper().spec(), [MASS]).space)
     wide = Entry(FRICTION, (Marginal("normal", 1.0, 0.5, -1.0, 2.0),))
     with pytest.raises(ParameterError, match=r"ground_friction: draws reach \[-1, 2\]"):

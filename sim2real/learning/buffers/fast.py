@@ -35,14 +35,14 @@ class FastReplayBuffer(ReplayBuffer):
     def __init__(self, **options: Any) -> None:
         for name in ("transform", "prefetch", "collate_fn", "sample_unit"):
             if options.get(name):
-                _refuse(f"{name}={options[name]!r}", f"nothing as {name}")
+                _refuse(f"{name}={options[name]!r}", f"no {name}")
         if not options.get("batch_size"):
-            _refuse(f"batch_size={options.get('batch_size')!r}", "number above 0")
+            _refuse(f"batch_size={options.get('batch_size')!r}", "a number above 0")
         super().__init__(**options)
         if type(self.sampler) is not SamplerWithoutReplacement:
-            _refuse(f"sampler {type(self.sampler).__name__}", "SamplerWithoutReplacement")
+            _refuse(f"sampler {type(self.sampler).__name__}", "a SamplerWithoutReplacement")
         if not isinstance(self.storage, TensorStorage) or self.storage.ndim != 1:
-            _refuse(f"storage {type(self.storage).__name__}", "LazyTensorStorage of one dimension")
+            _refuse(f"storage {type(self.storage).__name__}", "a flat LazyTensorStorage")
 
     def __iter__(self) -> Iterator[TensorDictBase]:
         """Yield the minibatches that are left of the sampler's order."""
@@ -65,4 +65,4 @@ class FastReplayBuffer(ReplayBuffer):
 
 
 def _refuse(what: str, allowed: str) -> None:
-    raise Sim2RealError(f"buffer=fast needs a {allowed} as its {what}; use buffer=replay")
+    raise Sim2RealError(f"buffer=fast cannot use {what}; give {allowed}, or buffer=replay")

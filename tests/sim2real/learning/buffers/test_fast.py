@@ -79,10 +79,10 @@ def test_what_it_has_not_is_refused() -> None:
         "batch_size": 4,
     }
     wrong = {
-        "sampler RandomSampler but a SamplerWithoutReplacement": {"sampler": data.RandomSampler()},
-        "storage ListStorage but a LazyTensorStorage": {"storage": data.ListStorage(50)},
+        "sampler RandomSampler; give a SamplerWithout": {"sampler": data.RandomSampler()},
+        "storage ListStorage; give a flat LazyTensorStorage": {"storage": data.ListStorage(50)},
         "prefetch=2": {"prefetch": 2},
-        "batch_size=None but a number": {"batch_size": None},
+        "batch_size=None; give a number": {"batch_size": None},
     }
     for sentence, change in wrong.items():
         with pytest.raises(Sim2RealError, match=sentence):

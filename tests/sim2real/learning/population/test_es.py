@@ -156,7 +156,7 @@ def test_bad_input_is_refused() -> None:
 
 def test_directions_that_do_not_fit_into_memory_are_refused() -> None:
     """The number that was given, what it needs and what is free."""
-    words = r"algorithm.pairs=10000000000000 .* need about .* of memory, and .* free; .*fewer pairs"
+    words = r"algorithm.pairs=10000000000000 .* need about .* of memory, but .* free; .*fewer pairs"
     with pytest.raises(ValueError, match=words):
         EvolutionStrategy(
             START,
