@@ -1,0 +1,77 @@
+"""What fresh exams say of the diagnosis by one likelihood, together.
+
+    python -m benchmarks.likelihood         # writes benchmarks/results/likelihood.md
+
+Counts what the exams' scorers wrote. The engine changed between the exams; each was drawn anew and
+opened once, so that none of its cases was seen before.
+"""
+
+import csv
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from benchmarks.study import command
+from sim2real.exam.score import wilson
+from sim2real.runs.files import write_text
+from sim2real.runs.tables import Table
+
+RESULTS = Path(__file__).parent / "results"
+OWN = ("blindcheck_2049.csv", "blindcheck_2051.csv", "blindcheck_2053.csv")  # MuJoCo on both sides
+OTHER = ("thirdparty_55.csv", "thirdparty_56.csv", "thirdparty_57.csv")  # robots moved by Drake
+HIDDEN = ("one", "two")  # kinds of cases that hide what can be named
+
+
+def read(folder: Path, names: Iterable[str]) -> list[dict[str, str]]:
+    """Return the cases of some tables, each with its columns."""
+    found = []
+    for name in names:
+        with (folder / name).open(encoding="utf-8", newline="") as file:
+            found += csv.DictReader(file)
+    return found
+
+
+def table_of(own: Sequence[dict[str, str]], other: Sequence[dict[str, str]]) -> Table:
+    """Return how many answers to each question were so, with 95 % intervals."""
+    called = [row for row in other if is_explained(row)]
+    questions = {
+        "hidden effect named first": [row["rank1"] == "1" for row in own if row["kind"] in HIDDEN],
+        "healthy robot blamed": [row["alarm"] == "1" for row in own if row["kind"] == "none"],
+        "`explained` although the true effect is excluded": [
+            is_explained(row) for row in own if row["kind"] == "excluded"
+        ],
+        "true value in its 90 % interval": [row["covered"] == "1" for row in own if row["covered"]],
+        "other engine: `explained` and right": [row["rank1"] == "1" for row in called],
+    }
+    table = Table(("question", "cases", "so", "share"))
+    for question, answers in questions.items():
+        table.add(question, len(answers), sum(answers), wilson(answers))
+    return table
+
+
+def is_explained(row: dict[str, str]) -> bool:
+    """Return whether a case's answer is called explained."""
+    return row["answer"].startswith("explained: ")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Count, print, and keep what was counted."""
+    parser = command("likelihood", __doc__)
+    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the tables")
+    folder = parser.parse_args(arguments).results
+    missing = [name for name in (*OWN, *OTHER) if not (folder / name).is_file()]
+    if missing:
+        parser.error(f"--results {folder}: no {', '.join(missing)}; give the folder")
+    text = (
+        "# Fresh exams of one likelihood\n\n"
+        f"`python -m benchmarks.likelihood`, of `{'`, `'.join((*OWN, *OTHER))}`. "
+        "Brackets: 95 % intervals.\n\n"
+        f"{table_of(read(folder, OWN), read(folder, OTHER)).markdown()}"
+    )
+    print(text)
+    write_text(folder / "likelihood.md", text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,39 @@
+"""Fresh exams of one likelihood are counted together."""
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.likelihood import OTHER, OWN, main
+
+HEAD = "case,kind,answer,rank1,alarm,covered"
+OWN_ROWS = (
+    "case_000,one,explained: backlash at hip 0.1,1,,1",
+    "case_001,two,unexplained,0,,",
+    "case_002,none,no_gap,,0,",
+    "case_003,excluded,explained: link_mass at hip 0.2,,,",
+)
+OTHER_ROWS = ("case_000,single,explained: armature at hip 0.1,1,,0", "case_001,dirty,no_gap,0,,")
+
+
+def test_each_question_is_asked_of_its_cases(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An answer that is not called explained counts for no question about such answers."""
+    for names, rows in ((OWN, OWN_ROWS), (OTHER, OTHER_ROWS)):
+        for name in names:
+            (tmp_path / name).write_text("\n".join((HEAD, *rows)) + "\n", encoding="utf-8")
+    assert main(["--results", str(tmp_path)]) == 0
+    text = (tmp_path / "likelihood.md").read_text(encoding="utf-8")
+    assert text.strip() == capsys.readouterr().out.strip()
+    assert "| hidden effect named first | 6 | 3 | 0.50" in text
+    assert "| healthy robot blamed | 3 | 0 | 0.00" in text
+    assert "is excluded | 3 | 3 | 1.00" in text
+    assert "90 % interval | 3 | 3 | 1.00" in text
+    assert "explained` and right | 3 | 3 | 1.00" in text
+
+
+def test_a_folder_without_the_tables_is_refused(tmp_path: Path) -> None:
+    """Which are missing is said."""
+    with pytest.raises(SystemExit):
+        main(["--results", str(tmp_path)])
