@@ -101,7 +101,7 @@ def orientation(term: Term, rows: Rows) -> np.ndarray:
     if bad.size:
         raise ContractError(
             f"{rows.place}, row {bad[0]}, quat.{site}: the length is {length[bad[0]]:.3g}, but "
-            f"that of an orientation is 1; log unit quaternions, w first"
+            "that of an orientation is 1; log unit quaternions, w first"
         )
     return turn
 
@@ -184,7 +184,7 @@ def _check_gravity(body: np.ndarray, rows: Rows, site: str) -> None:
         else ("a robot on the ground measures about 9.81; correct the unit, or log one that stands")
     )
     raise ContractError(
-        f"{rows.place}: accelerometer.{site} has a median magnitude of {size:.3g}; {what}"
+        f"{rows.place}: accelerometer.{site} has a median of {size:.3g} m/s²; {what}"
     )
 
 

@@ -131,12 +131,12 @@ class _View(NamedTuple):
 
 def _settled(robot: Member, member: Member, motion: Recording, asked: Asked) -> float:
     """Return what is left of a robot's motion once a member has refitted, in noise floors."""
-    told = _predicted(robot.fixed, _flat(robot.fixed), [motion], asked)
+    wanted = _predicted(robot.fixed, _flat(robot.fixed), [motion], asked)
     sizes, ends = _sizes(member.fixed, asked.spec), _ends(member.fixed, asked.spec)
 
     def off(values: np.ndarray) -> np.ndarray:
         made = _predicted(member.fixed, values, [motion], asked)
-        return np.concatenate(told) - np.concatenate(made)
+        return np.concatenate(wanted) - np.concatenate(made)
 
     def slopes(values: np.ndarray) -> np.ndarray:
         error, steps = off(values), _within(values, sizes, ends)
@@ -154,7 +154,7 @@ def _settled(robot: Member, member: Member, motion: Recording, asked: Asked) -> 
             x_scale=sizes,
             max_nfev=TURNS,
         ).fun
-    return _size(error[: len(told[0])], len(motion.time))
+    return _size(error[: len(wanted[0])], len(motion.time))
 
 
 def _predicted(

@@ -28,7 +28,7 @@ class Preflight:
         THOUSAND,
     )
     rate_error: float = setting(
-        0.1, "1", "largest relative difference between a rate that was told and the stamps", JUDGED
+        0.1, "1", "largest relative difference between a stated rate and the time stamps", JUDGED
     )
     drift_ppm: float = setting(
         50.0,

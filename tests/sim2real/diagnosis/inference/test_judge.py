@@ -1,11 +1,16 @@
 """The judge on the arm of the tests: mistakes of the log, effects of the robot, nothing at all."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hardware.log import Log
+from sim2real.diagnosis.inference import judge as judging
+from sim2real.diagnosis.inference.fit import Fit, Start
+from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.judge import Judge, Judgement
 from sim2real.diagnosis.inference.log_changes import list_log_changes
 from sim2real.diagnosis.inference.vocabulary import Vocabulary
@@ -88,3 +93,48 @@ def test_an_effect_that_a_mistake_of_the_log_equals_is_named(tmp_path: Path) -> 
     assert judgement.verdict == "explained"
     assert judgement.best.label == labels[0]
     assert labels[1] in {fit.label for fit in judgement.rivals}
+
+
+def test_more_values_have_to_pay_for_themselves(tmp_path: Path) -> None:
+    """Two values that win a little more than one, but not their price, do not displace it."""
+    data = arm.data_of(arm.make_log(noise=NOISE), tmp_path)
+    judge, members = Judge(data), {m.label: m for m in Vocabulary(data).members}
+    judge.choices = len(members)
+
+    def fit_of(label: str, beyond: float) -> Fit:
+        hypothesis = Hypothesis((members[label],))
+        gain = (judge.price(one.hypothesis) + beyond) * judge.rows / len(judge.given.score)
+        values = np.zeros((2, len(hypothesis.low)))
+        return replace(
+            judge.given, hypothesis=hypothesis, values=values, score=judge.given.score + gain
+        )
+
+    one = replace(judge.given, hypothesis=Hypothesis((members["encoder_offset.b"],)))
+    fits = [fit_of("encoder_offset.b", 0.010), fit_of("gravity_tilt", 0.015)]
+    assert judge.price(fits[1].hypothesis) > judge.price(one.hypothesis) + 0.015
+    assert judge._choose({fit.label: fit for fit in fits}) is fits[0]
+
+
+@pytest.mark.parametrize(("gain", "every"), [(0.0, True), (1e6, False)])
+def test_where_no_slope_promises_anything_every_change_is_fitted(
+    gain: float, every: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else only as many as promise most; a stop that is never reached has no slope."""
+    data = arm.data_of(arm.make_log(FRICTION, noise=NOISE), tmp_path)
+    judge, vocabulary = Judge(data), Vocabulary(data, only=PROPOSED)
+    judge.settings = replace(judge.settings, refits=2)
+    judge.choices, asked = len(vocabulary.members), []
+    lines = judging.trace_lines
+    monkeypatch.setattr(
+        judging,
+        "trace_lines",
+        lambda *about: [line._replace(gain=gain) for line in lines(*about)],
+    )
+
+    def note(starts: Sequence[Start], tried: dict[str, Fit]) -> None:
+        asked.append(len({start.hypothesis.label for start in starts}))
+
+    monkeypatch.setattr(judge, "_fit", note)
+    starts = vocabulary.list_starts(judge.replay_errors(judge.given), list(arm.JOINTS))
+    assert judge._refine(judge.given, starts, {})
+    assert asked[0] == (len(PROPOSED) if every else 2)
