@@ -88,7 +88,7 @@ class Inference:
     )
     refits: int = setting(12, "1", "number of fitted proposals, the best of the screening", COST)
     promising: int = setting(
-        40,
+        24,
         "1",
         "number of changes simulated in addition to a cause, the best of the screening",
         COST,
