@@ -22,6 +22,8 @@ from sim2real.runs.files import write_text
 
 REFERENCE = Path(__file__).resolve().parents[1] / "docs" / "reference"
 KEY = re.compile(r"^(\w+): +(.*?) +# (.*)$")  # of conf/config.yaml: name, value, comment
+GROUP = re.compile(r"^  - (\w+): (\w+) +# (.*)$", re.MULTILINE)  # name, default, comment
+EXPERIMENT = "A complete run: choices of other groups, and values. Add it as `+experiment=NAME`."
 JSON = (  # types of Python, and what they are in a file
     (r"Mapping\[.*\]", "table"),
     (r"tuple\[(\w+), \.\.\.\]", r"list of \1"),
@@ -69,12 +71,14 @@ def configuration() -> str:
         "## Keys",
         markdown(("key", "default", "meaning"), keys),
     ]
+    about = {m[1]: f"{m[3][0].upper()}{m[3][1:]}. Default: `{m[2]}`." for m in GROUP.finditer(text)}
+    about[catalogue.EXPERIMENT] = EXPERIMENT
     for group in catalogue.groups():
         choices = [
             (f"`{name}`", catalogue.summary(path))
             for name, path in sorted(catalogue.files(group).items())
         ]
-        parts += [f"## {group}", markdown((f"`{group}=`", "meaning"), choices)]
+        parts += [f"## {group}", about[group], markdown((f"`{group}=`", "meaning"), choices)]
     return "\n\n".join(parts) + "\n"
 
 
