@@ -30,8 +30,8 @@ class Settings:
     stretch: int = setting(
         10,
         "1",
-        "number of consecutive transitions in a stretch, which is held out if there are "
-        "fewer episodes",
+        "number of consecutive transitions in a stretch; with too few episodes, stretches "
+        "are held out",
         "derived: neighbours are alike",
     )
     difference: float = setting(
@@ -65,7 +65,8 @@ class Settings:
     doubt: float = setting(
         0.8,
         "1",
-        "fraction of the residual beyond noise that may imitate parameters (standard deviation)",
+        "fraction of the residual beyond noise that may look like a change of parameters "
+        "(standard deviation)",
         "set by hand: holds the hidden values of the emulated bench, tests/sim2real/identification",
     )
     hold: float = setting(

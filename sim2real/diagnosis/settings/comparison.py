@@ -40,12 +40,15 @@ class Compared:
         2000, "1", "number of permutations of the recordings before and after", COST
     )
     same_rows: float = setting(
-        0.9, "1", "fraction of rows with equal commands if two logs show the same motion", JUDGED
+        0.9,
+        "1",
+        "fraction of rows with equal commands above which logs show the same motion",
+        JUDGED,
     )
     weight_floor: float = setting(
         0.5,
         "1",
-        "smallest noise of a piece of a log that sets its weight, relative to the median",
+        "smallest noise by which a piece of a log is weighted, relative to the median",
         JUDGED,
     )
     apart: float = setting(
@@ -78,11 +81,11 @@ class Compared:
     doubt: float = setting(
         0.5,
         "1",
-        "smallest response of a reported change, relative to the response of other differences",
+        "smallest response of a reported change, relative to that of other differences",
         "measured: of 12 pairs with 15 % more friction at one joint the smallest had 1.1",
     )
     excused_rounds: int = setting(
-        2, "1", "number of times that other differences are simulated", COST
+        2, "1", "number of simulations with the changes attributed to other differences", COST
     )
     shared_max: int = setting(
         2,
@@ -126,8 +129,8 @@ class Compared:
     unequal: float = setting(
         0.005,
         "1/K",
-        "relative change of one joint's friction, strength or gain per kelvin that is "
-        "attributed to temperature (to at least one kelvin)",
+        "relative change of one joint's friction, strength or gain per kelvin that may be "
+        "due to temperature; at least one kelvin is assumed",
         "measured: four pairs of an emulated arm2 that became warmer by 4 to 8 K differed by 0.3 "
         "to 0.4 % a kelvin between joints that warmed alike",
     )

@@ -22,7 +22,7 @@ class Contract:
     )
     floor: float = setting(2e-3, "1", "misfit below which fits count as equally good", JUDGED)
     effective_rows: int = setting(
-        30, "1", "independent rows that a log counts as when faults are compared", JUDGED
+        30, "1", "number of independent rows that is assumed when faults are compared", JUDGED
     )
     free_price: float = setting(
         1.5, "1", "evidence that a fault with a fitted value needs, relative to one without", JUDGED

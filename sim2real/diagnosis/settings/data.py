@@ -10,7 +10,7 @@ class NoiseFloor:
     """The noise floor: resolution of the encoders, and scatter of repeated motions."""
 
     steps_min: int = setting(
-        5, "1", "number of different steps between readings that give a resolution", JUDGED
+        5, "1", "smallest number of different steps between readings that has a resolution", JUDGED
     )
     whole_error: float = setting(
         0.02, "1", "largest deviation of a step from a whole number of encoder counts", JUDGED
@@ -19,7 +19,10 @@ class NoiseFloor:
         0.1, "s", "interval between the moments at which repeated commands are compared", COST
     )
     slow_share: float = setting(
-        0.3, "1", "fraction of the rows, the slowest, that show the noise of a reading", DEVELOPED
+        0.3,
+        "1",
+        "slowest fraction of the rows, from which the noise of a reading is estimated",
+        DEVELOPED,
     )
 
 
@@ -37,7 +40,7 @@ class Windows:
         0.8, "s", "shortest window if every joint has a position servo", DEVELOPED
     )
     windows_usual: int = setting(
-        12, "1", "number of windows, unless they would exceed the longest window", DEVELOPED
+        12, "1", "intended number of windows; there are more if these would be too long", DEVELOPED
     )
     windows_max: int = setting(
         40, "1", "number of windows above which those of slow motions exceed `longest_s`", COST
@@ -61,7 +64,7 @@ class Windows:
     kick_s: float = setting(
         0.3,
         "s",
-        "time after a servo is switched on that is not compared (its moment is unsure)",
+        "time after a servo is switched on that is not compared (logs lack the moment)",
         DEVELOPED,
     )
     unrest_rows: int = setting(
@@ -86,7 +89,7 @@ class Simulation:
         JUDGED,
     )
     piece_s: float = setting(
-        5.0, "s", "length of the pieces of a log that are replayed in other tests", COST
+        5.0, "s", "length of the pieces of a log that are replayed to test the model", COST
     )
     pieces: int = setting(4, "1", "number of these pieces", COST)
     strengths: tuple[float, ...] = setting(
@@ -120,7 +123,7 @@ class Regimes:
         0.01, "rad", "position error below which a joint is at its goal", JUDGED
     )
     load_none: float = setting(
-        0.1, "1", "fraction of the largest gravity load below which there is no load", JUDGED
+        0.1, "1", "fraction of the largest gravity load below which a joint is unloaded", JUDGED
     )
     rare: float = setting(
         0.98, "1", "quantile used as the maximum; half of it divides small from large", JUDGED
@@ -148,7 +151,7 @@ class Bootstrap:
     blocks_min: int = setting(
         32,
         "1",
-        "smallest number of blocks, whatever the autocorrelation time of the residual",
+        "smallest number of blocks; it limits their length",
         "derived: what shows in a tenth of them is drawn again in 19 of 20 resamples",
     )
 
@@ -158,7 +161,10 @@ class Numerics:
     """When a gap, or an effect that closes it, is due to the simulator's numerics."""
 
     change: float = setting(
-        0.1, "1", "change of the gap or of the motion, relative to the gap, that matters", DEVELOPED
+        0.1,
+        "1",
+        "smallest change of the gap or of the motion that matters, relative to the gap",
+        DEVELOPED,
     )
     change_min: float = setting(
         0.005, "1", "smallest change of the motion that matters, relative to the motion", DEVELOPED

@@ -15,16 +15,16 @@ class Experiment:
         0.6, "1", "amplitude of a motion, relative to the distance to the nearer limit", JUDGED
     )
     size_min: float = setting(
-        0.2, "1", "smallest amplitude of a randomly drawn motion, likewise", JUDGED
+        0.2, "1", "smallest amplitude of a randomly drawn motion, relative to that distance", JUDGED
     )
     apart_min: float = setting(
         3.0, "1", "distance from which two explanations are separated, in noise floors", JUDGED
     )
     fall_s: float = setting(
-        2.0, "s", "simulated time without torque in which a robot must not fall", JUDGED
+        2.0, "s", "time without torque that is simulated to see whether the robot falls", JUDGED
     )
     fallen: float = setting(
-        0.5, "rad", "motion of a joint in this time from which the robot has fallen", JUDGED
+        0.5, "rad", "motion of a joint in this time above which the robot falls", JUDGED
     )
     robot: str = setting(
         "bench1",

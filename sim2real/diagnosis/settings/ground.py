@@ -26,8 +26,8 @@ class Ground:
     slip_m_s: float = setting(
         0.2,
         "m/s",
-        "speed above which a foot slips; there its weight as a standing foot is half its "
-        "contact weight",
+        "speed above which a foot slips; at this speed, its weight as a standing foot is "
+        "half its contact weight",
         GAIT,
     )
     sole_m_s: float = setting(
@@ -55,13 +55,13 @@ class Ground:
     felt_m_s2: float = setting(
         3.0,
         "m/s²",
-        "standard deviation of the base's acceleration from its accelerometer's",
+        "standard deviation of the base's acceleration from that of its accelerometer",
         JUDGED,
     )
     prior: float = setting(
         1e-3,
         "s²/m²",
-        "weight of the prior that the base's speed is zero (its height: in 1/m²)",
+        "weight of the prior that speed and height (in 1/m²) of the base are zero",
         JUDGED,
     )
     upright_s: float = setting(
@@ -132,7 +132,7 @@ class Ground:
         JUDGED,
     )
     grip_floors: float = setting(
-        0.5, "1", "change of the motion that identifies friction, in noise floors", JUDGED
+        0.5, "1", "smallest change of the motion that identifies friction, in noise floors", JUDGED
     )
     stands: float = setting(
         0.5, "1", "contact weight above which a foot touches the ground, or stands on it", JUDGED
@@ -150,8 +150,8 @@ class Ground:
     tilt_better: float = setting(
         0.7,
         "1",
-        "height difference of the two lowest feet with a reported tilt, relative to that "
-        "without, at most",
+        "a tilt is reported if it reduces the height difference of the two lowest feet "
+        "below this fraction",
         JUDGED,
     )
     push_times: float = setting(

@@ -21,7 +21,7 @@ class Inference:
     octaves: int = setting(
         15,
         "1",
-        "doublings of the size of the discrepancy that are tried, from half the noise of a reading",
+        "doublings of the tried size of the discrepancy, from half the noise of a reading",
         "derived: 2^14 noise sizes are beyond the worst model's error",
     )
     freedom: float = setting(
@@ -78,7 +78,7 @@ class Inference:
         JUDGED,
     )
     ridge: float = setting(
-        1e-9, "1", "addition to the diagonal of a curvature matrix, relative to it", ROUNDING
+        1e-9, "1", "term added to a curvature matrix, relative to its diagonal", ROUNDING
     )
     glance_s: float = setting(
         15.0, "s", "total length of the screened windows, at most half of all windows", COST
@@ -166,7 +166,10 @@ class Cogging:
         (3.0, 150.0), "1", "smallest and largest number of ripples per turn that is tried", JUDGED
     )
     finest: float = setting(
-        4.0, "1", "trials within the smallest resolvable difference in ripples per turn", JUDGED
+        4.0,
+        "1",
+        "number of trials in the smallest resolvable difference in ripples per turn",
+        JUDGED,
     )
     readings: float = setting(1.5, "1", "shortest half of a ripple, in encoder counts", JUDGED)
     counts_probed: int = setting(

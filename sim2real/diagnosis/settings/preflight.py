@@ -14,8 +14,8 @@ class Preflight:
     jitter: float = setting(
         0.25,
         "1",
-        "deviation from the median interval that 5 % of the row intervals may exceed, "
-        "relative to the median",
+        "deviation from the median interval, relative to it, that at most 5 % of the row "
+        "intervals may exceed",
         JUDGED,
     )
     gap: float = setting(
@@ -95,7 +95,7 @@ class Preflight:
     worse: float = setting(
         1.2,
         "1",
-        "factor by which causes may increase a channel's error, or it contradicts them",
+        "factor on a channel's error above which the channel contradicts the causes",
         JUDGED,
     )
     rows_min: int = setting(
@@ -106,7 +106,7 @@ class Preflight:
     )
     reach_s: float = setting(0.25, "s", "largest delay that is tried", JUDGED)
     ratio: tuple[float, float] = setting(
-        (0.85, 1.18), "1", "range of the ratio of two gains, or of two speeds, that agree", JUDGED
+        (0.85, 1.18), "1", "two gains, or two speeds, agree if their ratio is in this range", JUDGED
     )
     share: float = setting(
         0.8, "1", "smallest fraction of the variance that a fitted law must explain", JUDGED
@@ -148,8 +148,8 @@ class Preflight:
     better: float = setting(
         0.1,
         "1",
-        "largest error with commands as torques if they are torques, relative to the errors "
-        "with positions and without commands",
+        "commands are torques if their replay error is below this fraction of that of "
+        "positions and of that without commands",
         DEVELOPED,
     )
     brief_s: float = setting(
@@ -164,7 +164,7 @@ class Preflight:
     lag_jump_s: float = setting(
         0.008,
         "s",
-        "smallest reported jump: gap between the ranges of the lag before and after",
+        "smallest reported jump: distance of the ranges of the lag before and after",
         DEVELOPED,
     )
     lag_episode_s: float = setting(
