@@ -10,7 +10,7 @@ class NoiseFloor:
     """The noise floor: resolution of the encoders, and scatter of repeated motions."""
 
     steps_min: int = setting(
-        5, "1", "smallest number of different steps between readings that has a resolution", JUDGED
+        5, "1", "smallest number of different steps from which a resolution is inferred", JUDGED
     )
     whole_error: float = setting(
         0.02, "1", "largest deviation of a step from a whole number of encoder counts", JUDGED
