@@ -61,8 +61,8 @@ class Inference:
     damping_ratio: float = setting(
         1e4,
         "1",
-        "ratio of the two dampings that are tried in each step",
-        "derived: a whole step, and half of one where it goes too far",
+        "factor by which a failed step raises the damping, and a good one lowers it",
+        "derived: after a whole step that goes too far, about half of one",
     )
     rounds: int = setting(8, "1", "largest number of Gauss-Newton steps of a fit", COST)
     settled: float = setting(
@@ -86,7 +86,9 @@ class Inference:
     first_s: float = setting(
         18.0, "s", "total length of the windows that are first tested for mistakes in the log", COST
     )
-    coarse_s: float = setting(5e-3, "s", "longest physics time step in the screening", COST)
+    coarse_s: float = setting(
+        5e-3, "s", "longest physics time step until the answer is fitted once more", COST
+    )
     glances: int = setting(
         2,
         "1",
