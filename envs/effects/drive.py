@@ -129,7 +129,7 @@ class TorqueSpeedKnee(ActuatorEffect):
     no_mjcf = "MJCF has no force range that depends on the speed"
     symptom = "fast motions under load lag; slow motions with the same torque do not"
     source = "|tau| <= tau_max min(1, (w0 - |w|) / (w0 - wk)): a motor's back-EMF at full voltage"
-    experiment = "large steps, up and down, at two supply voltages: their speed is limited"
+    experiment = "large steps, up and down, at two supply voltages; compare their top speeds"
     group = RULES
     limits, neutral = (1e-3, NO_KNEE), NO_KNEE
     law = _Knee
