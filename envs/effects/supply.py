@@ -179,7 +179,9 @@ class SupplySag(Effect):
     unit = "V/A"
     extras = (
         Extra("voltage", "V", None, 1e-3, 1e3, "supply voltage without load"),
-        Extra("torque_constant", "N·m/A", None, 1e-6, 1e3, "the motors' torque constant, at the joint"),
+        Extra(
+            "torque_constant", "N·m/A", None, 1e-6, 1e3, "the motors' torque constant, at the joint"
+        ),
     )
     typical = (0.0, 2.0)
     no_mjcf = "MJCF has no supply that several actuators share"
