@@ -119,7 +119,7 @@ class TorqueSpeedKnee(ActuatorEffect):
             2.0,
             1.001,
             1e3,
-            "the no-load speed as a multiple of the knee's",
+            "the no-load speed as a multiple of the speed at the knee",
             fit=(1.05, 10.0),
             typical=(1.2, 4.0),
         ),
