@@ -19,7 +19,7 @@ from sim2real.diagnosis.data.channels import channel_gaps, contradicting
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.design import design
 from sim2real.diagnosis.inference.conclusion import Conclusion
-from sim2real.diagnosis.numerics import NullTest, is_numerics
+from sim2real.diagnosis.numerics import is_numerics
 from sim2real.diagnosis.outcome import Diagnosis, blocking_findings, intervals_of
 from sim2real.diagnosis.preflight.torques import measured_torques
 from sim2real.diagnosis.prepare import PreparedLogs
@@ -43,13 +43,12 @@ def added(found: Diagnosis, name: str, step: Step) -> Diagnosis:
         return found._replace(report=replace(found.report, failed=failed))
 
 
-def tested(
-    found: Diagnosis, prepared: PreparedLogs, null: NullTest, settings: Settings
-) -> Diagnosis:
+def tested(found: Diagnosis, prepared: PreparedLogs, settings: Settings) -> Diagnosis:
     """Say which causes are the simulator's numerics; these are left out of the files."""
     words, physical = dict(found.report.numerics), []
     for number, (cause, effect) in enumerate(zip(found.found, found.report.effects, strict=True)):
-        artefact = is_numerics(prepared.logs, prepared.specs, [cause], null, found.known, settings)
+        given = (found.report.numerics, found.known, settings)
+        artefact = is_numerics(prepared.logs, prepared.specs, [cause], *given)
         if artefact is None:
             physical.append(number)
         else:

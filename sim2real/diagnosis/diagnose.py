@@ -136,7 +136,7 @@ def run_diagnosis(
     made, data, floors = found.made, found.data, found.baseline.floors
     if prepared.restart is not None:
         findings += check_grip(found.judgement.judge.replayer, found.baseline.floor)
-    null = null_test(prepared.logs, prepared.specs, fixed, settings)
+    numerics = null_test(prepared.logs, prepared.specs, fixed, settings)
     on_progress("telling what was found", TELLING)
     inputs = _inputs(data, found.judgement.judge.fold, model, seed, exclude)
     inputs["physics steps"] = dict(about.work.steps.most_common())
@@ -145,7 +145,7 @@ def run_diagnosis(
     report = replace(
         made.report,
         preflight=(*findings, *made.report.preflight),
-        numerics=dict(null.words) or {"timestep": "ok"},
+        numerics=numerics or {"timestep": "ok"},
         seconds=time.monotonic() - start,
         failed=(*interface.failed, *made.report.failed),
         evidence=_evidence(made, data, inputs),
@@ -157,7 +157,7 @@ def run_diagnosis(
     if on_verdict is not None:
         on_verdict(outcome)
     steps: dict[str, Step] = {
-        "the causes' test for numerics": lambda d: tested(d, prepared, null, settings),
+        "the causes' test for numerics": lambda d: tested(d, prepared, settings),
         "the pictures of recordings": lambda d: pictured(d, made, data, floors),
         "the other channels": lambda d: witnessed(d, data),
         "the closed loop": lambda d: played(d, logs, load_player, actor, seed, settings),

@@ -17,6 +17,7 @@ from math import comb
 import numpy as np
 
 from hardware.log import Log
+from sim2real.diagnosis.data.pairs import scalars
 from sim2real.diagnosis.data.windows import hunting_rows
 from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 
@@ -33,7 +34,7 @@ def noise_floor(logs: Sequence[Log], settings: Settings = DEFAULT) -> dict[str, 
         logs: logs of one robot.
         settings: those of `noise_floor` are used.
     """
-    names = list(dict.fromkeys(name for log in logs for name in _positions(log)))
+    names = list(dict.fromkeys(name for log in logs for name in scalars(log)))
     own = {name: reading_noise(logs, f"qpos.{name}", settings) for name in names}
     repeats = _repeats(logs, names, settings)
     return own | {name: max(scatter, own[name]) for name, scatter in repeats.items()}
@@ -66,10 +67,6 @@ def count_of(logs: Sequence[Log], joint: str, settings: Settings = DEFAULT) -> f
 def rounding(step: float) -> float:
     """Return the root mean square error of rounding to steps of this size."""
     return float(step / np.sqrt(UNIFORM))
-
-
-def _positions(log: Log) -> list[str]:
-    return [name for name in log.joints if f"qpos.{name}" in log.columns]
 
 
 def reading_noise(logs: Sequence[Log], column: str, settings: Settings) -> float:

@@ -19,6 +19,11 @@ def is_scalar(model: mujoco.MjModel, joint: int) -> bool:
     return int(model.jnt_type[joint]) in SCALAR
 
 
+def scalars(log: Log) -> list[str]:
+    """Return the logged hinges and slides."""
+    return [name for name in log.joints if f"qpos.{name}" in log.columns]
+
+
 def carriers(model: mujoco.MjModel, body: int) -> list[int]:
     """Return a body and those that carry it, but the world."""
     found = []
