@@ -69,16 +69,16 @@ def pictured(found: Diagnosis, made: Conclusion, data: Data, floors: np.ndarray)
         data: the windows.
         floors: noise floor of each joint [rad or m], (M,).
     """
-    models = [data.models[index] for index in data.which]
     pictures = traces(data, made.errors, floors)
-    evidence = replace(found.report.evidence, traces=pictures, signals=signals(data.logs, models))
+    evidence = replace(
+        found.report.evidence, traces=pictures, signals=signals(data.logs, data.log_models)
+    )
     return found._replace(report=replace(found.report, evidence=evidence))
 
 
 def witnessed(found: Diagnosis, data: Data) -> Diagnosis:
     """Add how far the channels that nothing was fitted to are off, and which speak against it."""
-    models = [data.models[index] for index in data.which]
-    pairs = list(zip(data.logs, models, strict=True))
+    pairs = list(zip(data.logs, data.log_models, strict=True))
     torque = measured_torques(pairs, data.settings.preflight)
     every = merge_effects(found.known, found.found) if found.found else found.known
     gaps = channel_gaps(data, found.known, every, torque)

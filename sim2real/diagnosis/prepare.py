@@ -85,12 +85,11 @@ def prepare(
     specs = [data.specs[index] for index in data.which]
     for log, spec in zip(logs, specs, strict=True):
         refuse_kinds(log, spec, settings)
-    models = [data.models[index] for index in data.which]
     findings = [
         *held,
         *hunts,
         *preflight(logs, specs, settings),
-        *check_ground(estimates, models, settings.ground),
+        *check_ground(estimates, data.log_models, settings.ground),
         *check_pushes(data, estimates, settings.ground),
     ]
     restart = partial(grounded, given, estimates) if estimates else None

@@ -112,6 +112,11 @@ class Data:
         own = {window.log: window.model for window in self.windows}
         return [own.get(number, 0) for number in range(len(self.logs))]
 
+    @property
+    def log_models(self) -> list[mujoco.MjModel]:
+        """The model of each log."""
+        return [self.models[index] for index in self.which]
+
     def floors(self) -> np.ndarray:
         """Return the noise floor of each joint [rad or m], (M,)."""
         found = noise_floor(self.logs, self.settings)
