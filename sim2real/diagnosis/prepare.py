@@ -17,7 +17,7 @@ from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.kinds import refuse_kinds
 from sim2real.diagnosis.data.progress import Progress
 from sim2real.diagnosis.data.recording import load_model
-from sim2real.diagnosis.data.refuse import refuse_clock, refuse_sparse
+from sim2real.diagnosis.data.refuse import refuse_clock
 from sim2real.diagnosis.ground.findings import check_ground
 from sim2real.diagnosis.ground.logs import estimate_all
 from sim2real.diagnosis.ground.pushes import check_pushes
@@ -71,7 +71,6 @@ def prepare(
     """
     for log in logs:
         refuse_clock(log, settings)
-        refuse_sparse(log, settings)
     driven = _driven(logs, model)
     logs, held = mark_blocked(logs, driven, settings)
     logs, hunts = mark_hunting(logs, driven, settings.hunting)

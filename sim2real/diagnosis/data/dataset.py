@@ -13,21 +13,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from envs.replay import switchable
 from hardware.log import Log
-from sim2real.diagnosis.data.impedance import impedance_of, with_laws
-from sim2real.diagnosis.data.noise_floor import noise_floor, rounding, step_of
-from sim2real.diagnosis.data.pairs import is_scalar
-from sim2real.diagnosis.data.recording import (
-    check_log,
-    load_model,
-    with_bus_delay,
-)
-from sim2real.diagnosis.data.refuse import refuse_clock, refuse_loose_base, refuse_sparse
+from sim2real.diagnosis.data.impedance import impedance_of
+from sim2real.diagnosis.data.noise_floor import count_of, noise_floor, rounding
+from sim2real.diagnosis.data.pairs import is_scalar, scalars
+from sim2real.diagnosis.data.recording import as_recorded, bus_delay, check_log, load_model
+from sim2real.diagnosis.data.refuse import refuse_clock, refuse_loose_base
 from sim2real.diagnosis.data.states import with_states
 from sim2real.diagnosis.data.windows import Joint, Window, cut
 from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
@@ -87,19 +83,8 @@ class Data:
         _refuse_short(logs, settings)
         _refuse_still(logs, joints, settings)
         windows = cut(logs, which, models, joints, settings.windows)
-        longest = max(len(w.measured) for w in windows)
-        mask = _masks(windows, longest)
-        measured = np.array([_padded(w.measured, longest) for w in windows])
-        return Data(
-            tuple(logs),
-            tuple(specs),
-            tuple(models),
-            tuple(joints),
-            tuple(windows),
-            mask,
-            measured,
-            settings,
-        )
+        about = tuple(logs), tuple(specs), tuple(models), tuple(joints)
+        return Data(*about, **_stacked(windows), settings=settings)
 
     @property
     def scale(self) -> np.ndarray:
@@ -135,27 +120,17 @@ class Data:
             seconds: length of a block, which may span several windows of an episode; None, and
                 what is shorter, is about a second of one window.
         """
-        if seconds is not None and seconds > self.settings.bootstrap.block_s:
-            return self._spans(seconds)
-        found, count = np.full(self.mask.shape, -1), 0
-        for index, window in enumerate(self.windows):
-            time = window.sample[:, 0] - window.sample[0, 0]
-            pieces = (
-                max(1, round(time[-1] / self.settings.bootstrap.block_s)) if len(time) > 1 else 1
-            )
-            own = np.minimum((time / max(time[-1], TINY) * pieces).astype(int), pieces - 1)
-            found[index, : len(own)] = np.where(window.usable, count + own, -1)
-            count += pieces
-        return found
-
-    def _spans(self, seconds: float) -> np.ndarray:
-        """Return blocks of episodes, so many seconds each, whichever windows are in them."""
-        found = np.full(self.mask.shape, -1)
-        known: dict[tuple[int, int, int], int] = {}
-        for row, window, time in zip(found, self.windows, self.times(), strict=True):
-            own = [(window.log, window.episode, int(t // seconds)) for t in time]
+        least, found = self.settings.bootstrap.block_s, np.full(self.mask.shape, -1)
+        known: dict[tuple[int, ...], int] = {}
+        for i, (window, time) in enumerate(zip(self.windows, self.times(), strict=True)):
+            if seconds is not None and seconds > least:
+                own = [(window.log, window.episode, int(t // seconds)) for t in time]
+            else:
+                since = window.sample[:, 0] - window.sample[0, 0]
+                pieces = max(1, round(since[-1] / least))
+                own = [(i, min(int(t / max(since[-1], TINY) * pieces), pieces - 1)) for t in since]
             numbers = [known.setdefault(key, len(known)) for key in own]
-            row[: len(own)] = np.where(window.usable, numbers, -1)
+            found[i, : len(own)] = np.where(window.usable, numbers, -1)
         return found
 
     def times(self) -> list[np.ndarray]:
@@ -172,14 +147,7 @@ class Data:
 
     def with_windows(self, windows: Sequence[Window]) -> Data:
         """Return the data with other windows of the same logs."""
-        longest = max(len(w.measured) for w in windows)
-        return replace(
-            self,
-            windows=tuple(windows),
-            mask=_masks(windows, longest),
-            measured=np.array([_padded(w.measured, longest) for w in windows]),
-            starts=None,
-        )
+        return replace(self, **_stacked(windows), starts=None)
 
     def only(self, chosen: np.ndarray) -> Data:
         """Return the data of some windows, (n,) indices."""
@@ -206,24 +174,20 @@ class Data:
         pairs = zip(specs, self.specs, strict=True)
         if all(spec.option.timestep == own.option.timestep for spec, own in pairs):
             return None
-        return self._with_models(specs)
-
-    def _with_models(self, specs: Sequence[mujoco.MjSpec]) -> Data:
-        return replace(
-            self, specs=tuple(specs), models=tuple(spec.copy().compile() for spec in specs)
-        )
+        models = tuple(spec.copy().compile() for spec in specs)
+        return replace(self, specs=tuple(specs), models=models)
 
 
-def _masks(windows: Sequence[Window], length: int) -> np.ndarray:
-    """Return which rows of the windows are compared, (W, length)."""
-    mask = np.zeros((len(windows), length), bool)
-    for row, window in zip(mask, windows, strict=True):
-        row[: len(window.usable)] = window.usable
-    return mask
-
-
-def _padded(values: np.ndarray, length: int) -> np.ndarray:
-    return np.concatenate([values, np.repeat(values[-1:], length - len(values), axis=0)])
+def _stacked(windows: Sequence[Window]) -> dict[str, Any]:
+    """Return windows, which of their rows are compared and what was measured, padded."""
+    rows = [len(window.usable) for window in windows]
+    ahead = [(0, max(rows) - own) for own in rows]
+    mask = [np.pad(window.usable, own) for window, own in zip(windows, ahead, strict=True)]
+    measured = [
+        np.pad(window.measured, (own, (0, 0)), "edge")
+        for window, own in zip(windows, ahead, strict=True)
+    ]
+    return {"windows": tuple(windows), "mask": np.array(mask), "measured": np.array(measured)}
 
 
 def _models(
@@ -238,13 +202,10 @@ def _models(
     which = []
     for log in logs:
         path = log.model if model is None else Path(model)
-        delay = log.meta.get("command_delay", 0.0)
-        delay = float(delay) if isinstance(delay, int | float) else 0.0
-        key = (str(path.resolve() if path else path), delay, impedance_of(log))
+        key = (str(path.resolve() if path else path), bus_delay(log), impedance_of(log))
         if key not in keys:
-            spec = with_laws(with_bus_delay(switchable(load_model(log, model)), log), log)
             keys.append(key)
-            specs.append(spec)
+            specs.append(as_recorded(load_model(log, model), log))
         which.append(keys.index(key))
     return specs, [spec.copy().compile() for spec in specs], which
 
@@ -254,20 +215,16 @@ def _joints(
 ) -> list[Joint]:
     """Return the hinges and slides that every log and model has."""
     found, still = [], {"rad": settings.preflight.still_rad, "m": settings.preflight.still_m}
+    logged = set.intersection(*(set(scalars(log)) for log in logs))
+    modelled = set.intersection(*({m.joint(k).name for k in range(m.njnt)} for m in models))
     for i in range(models[0].njnt):
         name = models[0].joint(i).name
-        column = f"qpos.{name}"
-        if not is_scalar(models[0], i) or not all(column in log.columns for log in logs):
-            continue
-        if any(name not in [m.joint(k).name for k in range(m.njnt)] for m in models):
-            continue
-        values = np.concatenate([log.column(column) for log in logs])
-        unit = "rad" if models[0].jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE else "m"
-        spread = float(values.std())
-        place = int(models[0].jnt_qposadr[i])
-        step = step_of(values[np.concatenate([log.fresh for log in logs])], settings)
-        step = step if spread else still[unit]  # that never changed: below what counts as moving
-        found.append(Joint(name, place, unit, step, spread, 1.0))
+        if is_scalar(models[0], i) and name in logged & modelled:
+            values = np.concatenate([log.column(f"qpos.{name}") for log in logs])
+            unit = "rad" if models[0].jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE else "m"
+            step, spread = count_of(logs, name, settings), float(values.std())
+            step = step if spread else still[unit]  # it never changed: below what counts as moving
+            found.append(Joint(name, int(models[0].jnt_qposadr[i]), unit, step, spread, 1.0))
     if not found:
         raise Sim2RealError("the logs have no hinge or slide in common that their models have too")
     if len({joint.unit for joint in found}) > 1:
@@ -280,7 +237,6 @@ def _refuse_short(logs: Sequence[Log], settings: Settings) -> None:
     least = settings.bootstrap.block_s
     for log in logs:
         refuse_clock(log, settings)
-        refuse_sparse(log, settings)
     total = sum(float(part.time[-1] - part.time[0]) for log in logs for part in log.episodes())
     if total < least:
         place = f"{logs[0].path or 'the log'}" + (f" and {len(logs) - 1} more" if logs[1:] else "")

@@ -20,16 +20,11 @@ import mujoco
 import numpy as np
 
 from envs.plant import Fixed
-from envs.replay import DivergedError, switchable
+from envs.replay import DivergedError
 from hardware.log import Log
-from sim2real.diagnosis.data.impedance import impedance_of, with_laws
-from sim2real.diagnosis.data.recording import (
-    check_log,
-    positions,
-    to_recording,
-    with_bus_delay,
-)
-from sim2real.diagnosis.data.refuse import refuse_clock, refuse_sparse
+from sim2real.diagnosis.data.impedance import impedance_of
+from sim2real.diagnosis.data.recording import as_recorded, check_log, positions, to_recording
+from sim2real.diagnosis.data.refuse import refuse_clock
 from sim2real.diagnosis.data.trial import trial
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.figures import COLOURS, INK, figure
@@ -93,8 +88,7 @@ def _of_one_model(
     for log in logs:
         check_log(log, model)
         refuse_clock(log)
-        refuse_sparse(log)
-    delayed = with_laws(with_bus_delay(switchable(spec), logs[0]), logs[0])
+    delayed = as_recorded(spec, logs[0])
     model = delayed.copy().compile()
     episodes = [(number, part) for number, log in enumerate(logs) for part in log.episodes()]
     recordings = [to_recording(part, model) for _, part in episodes]
