@@ -23,10 +23,9 @@ from envs.plant import Fixed, Plant
 from envs.replay import Schedule, schedule, simulate
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.noise_floor import reading_noise
-from sim2real.diagnosis.data.pairs import SCALAR
+from sim2real.diagnosis.data.pairs import is_scalar
 from sim2real.diagnosis.data.simulate import actuated
 from sim2real.diagnosis.data.thermal import torques
-from sim2real.diagnosis.data.windows import Window
 from sim2real.diagnosis.evidence import ChannelGap
 from sim2real.diagnosis.settings import DEFAULT, TINY, Preflight
 
@@ -55,10 +54,8 @@ def channel_gaps(
     before = _residuals(data, known, torque)
     after = _residuals(data, found, torque) if found is not known else before
     noise = {column: reading_noise(data.logs, column, data.settings) for column in before}
-    return tuple(
-        ChannelGap(column, _unit(column), noise[column], before[column], after[column])
-        for column in before
-    )
+    units = {column: UNITS.get(column.partition(".")[0], "N·m") for column in before}
+    return tuple(ChannelGap(c, units[c], noise[c], before[c], after[c]) for c in before)
 
 
 def contradicting(
@@ -77,29 +74,25 @@ def contradicting(
             )
 
 
-def _unit(column: str) -> str:
-    return UNITS.get(column.partition(".")[0], "N·m")
-
-
 def _residuals(data: Data, fixed: Sequence[Fixed], torque: dict[str, str]) -> dict[str, float]:
     """Return the root mean square residual of each column over the compared rows."""
     both: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
-    for index in range(len(data.specs)):
+    for index, spec in enumerate(data.specs):
         windows = [window for window in data.windows if window.model == index]
         if not windows:
             continue
-        plant = Plant(data.specs[index], num_rows=len(windows), fixed=fixed)
-        dt = plant.model.opt.timestep
+        plant = Plant(spec, num_rows=len(windows), fixed=fixed)
+        dt, imu = plant.model.opt.timestep, _with_sensors(data, index)
         plans = [schedule(window.recording, dt) for window in windows]
-        motion = simulate(plant, plans)
-        simulated = actuated(plant, 0)
-        imu = _with_sensors(data, index)
-        for window, plan, path in zip(windows, plans, motion.qpos, strict=True):
-            steps, log = _steps(data, window, dt), data.logs[window.log]
+        paths, simulated = simulate(plant, plans).qpos, actuated(plant, 0)
+        for window, plan, path in zip(windows, plans, paths, strict=True):
+            log, rows = data.logs[window.log], window.first + np.flatnonzero(window.usable)
+            steps = np.round((log.time[rows] - log.time[window.start]) / dt).astype(int)
             if np.isfinite(path).all() and steps.size:
-                rows = np.arange(window.first, window.last)[window.usable]
+                steps = np.clip(steps, 1, len(path) - 2)
                 own = {name: column for name, column in torque.items() if column in log.columns}
-                made = _simulated(simulated, imu, plan, path, steps, own)
+                made = _simulated(simulated, plan, path, steps, own)
+                made |= _sensed(imu, path, steps) if imu.nsensor else {}
                 for column, values in made.items():
                     if column in log.columns:
                         both.setdefault(column, []).append((log.column(column)[rows], values))
@@ -115,26 +108,17 @@ def _rms(both: np.ndarray, column: str) -> float:
     return float(np.sqrt(np.mean((measured - simulated) ** 2)))
 
 
-def _steps(data: Data, window: Window, dt: float) -> np.ndarray:
-    """Return the physics step of each compared row of a window, (n,)."""
-    time = data.logs[window.log].time[window.first : window.last]
-    steps = np.round((time - data.logs[window.log].time[window.start]) / dt).astype(int)
-    return np.maximum(steps[window.usable], 1)
-
-
 def _simulated(
     model: mujoco.MjModel,
-    imu: mujoco.MjModel,
     plan: Schedule,
     path: np.ndarray,
     steps: np.ndarray,
     torque: dict[str, str],
 ) -> dict[str, np.ndarray]:
-    """Return what a simulation makes of columns at some steps (n,) of its path."""
-    steps = np.minimum(steps, len(path) - 2)
+    """Return what a simulation makes of speeds and torques at some steps (n,) of its path."""
     found: dict[str, np.ndarray] = {}
     for i in range(model.njnt):
-        if int(model.jnt_type[i]) in SCALAR:
+        if is_scalar(model, i):
             place = int(model.jnt_qposadr[i])
             slope = (path[steps + 1, place] - path[steps - 1, place]) / 2
             found[f"qvel.{model.joint(i).name}"] = slope / model.opt.timestep
@@ -142,14 +126,7 @@ def _simulated(
         every = torques(model, path[: plan.steps + 1], plan)
         for name, column in torque.items():
             found[column] = every[np.minimum(steps, len(every) - 1), model.actuator(name).id]
-    return found | (_sensed(imu, path, steps) if imu.nsensor else {})
-
-
-def _sites(data: Data) -> Iterator[tuple[str, str]]:
-    """Yield kind and site of every IMU channel of the logs."""
-    names = {column: None for log in data.logs for column in log.columns}
-    found = {tuple(n.split(".", 1)) for n in names if n.partition(".")[0] in SENSORS}
-    yield from dict.fromkeys((kind, rest.rpartition(".")[0]) for kind, rest in sorted(found))
+    return found
 
 
 def _with_sensors(data: Data, index: int) -> mujoco.MjModel:
@@ -157,9 +134,10 @@ def _with_sensors(data: Data, index: int) -> mujoco.MjModel:
     spec = data.specs[index].copy()
     for sensor in list(spec.sensors):
         spec.delete(sensor)
+    columns = {name.rpartition(".")[0] for log in data.logs for name in log.columns}
     sites = {site.name for site in spec.sites}
-    for kind, site in _sites(data):
-        if site in sites:
+    for kind, _, site in sorted(column.partition(".") for column in columns):
+        if kind in SENSORS and site in sites:
             spec.add_sensor(
                 name=f"{kind}.{site}",
                 type=SENSORS[kind],

@@ -66,24 +66,11 @@ class Run(NamedTuple):
 
 
 class _Lean(NamedTuple):
-    """A model as it is simulated."""
+    """A model without what cannot change its motions, as it is simulated."""
 
     spec: mujoco.MjSpec
     model: mujoco.MjModel
     stepped: dict[tuple[Any, ...], bool]  # by structure of effects: whether Python steps it
-
-    @staticmethod
-    def of(spec: mujoco.MjSpec) -> _Lean:
-        """Return a model without what cannot change its motions."""
-        made = lean(spec)
-        return _Lean(made, made.copy().compile(), {})
-
-
-class _Plan(NamedTuple):
-    """What a window needs of the simulation."""
-
-    schedule: Schedule
-    at: InterpolationPoints  # (T, M) when each joint was read
 
 
 def key_of(effect: Effect) -> tuple[Any, ...]:
@@ -117,9 +104,13 @@ class Simulator:
         self.data, self.fixed, self.threads, self.on_run = data, tuple(fixed), threads, on_run
         self.heat = Heat(data, self._paths)
         self.work = Work() if work is None else work
-        self._models = [_Lean.of(spec) for spec in data.specs] if models is None else models
-        self._length = data.mask.shape[1]
-        self._plans = [self._plan(window) for window in data.windows]
+        if models is None:
+            specs = [lean(spec) for spec in data.specs]
+            models = [_Lean(spec, spec.copy().compile(), {}) for spec in specs]
+        self._models, self._length = models, data.mask.shape[1]
+        dts = [data.models[window.model].opt.timestep for window in data.windows]
+        self._plans = [schedule(w.recording, dt) for w, dt in zip(data.windows, dts, strict=True)]
+        self._read = [self._readings(w, dt) for w, dt in zip(data.windows, dts, strict=True)]
         self._places = np.array([joint.qpos for joint in data.joints])
         self._spread = np.array([joint.spread for joint in data.joints])
 
@@ -127,11 +118,10 @@ class Simulator:
         """Return a simulator of other windows of the same models, effects, cores and work."""
         return Simulator(data, self.fixed, self.threads, self.on_run, self.work, self._models)
 
-    def _plan(self, window: Window) -> _Plan:
-        dt = self.data.models[window.model].opt.timestep
-        padding = np.repeat(window.sample[-1:], self._length - len(window.sample), axis=0)
-        sample = np.concatenate([window.sample, padding])  # (T, M)
-        return _Plan(schedule(window.recording, dt), readings(sample, dt))
+    def _readings(self, window: Window, dt: float) -> InterpolationPoints:
+        """Return when each joint was read, (T, M)."""
+        padding = (0, self._length - len(window.sample)), (0, 0)
+        return readings(np.pad(window.sample, padding, "edge"), dt)
 
     @property
     def steps(self) -> int:
@@ -154,23 +144,22 @@ class Simulator:
         tasks, places = [], []
         for result, (effects, windows, values) in zip(found, runs, strict=True):
             models = np.array([self.data.windows[i].model for i in windows], int)
-            for model in np.unique(models):
+            for model in np.unique(models).tolist():
                 rows = np.flatnonzero(models == model)
-                self._warm(effects, int(model), windows[rows])
+                for effect in effects:
+                    if isinstance(effect, ThermalDerating):
+                        motors = effect.actuators(self.data.models[model])
+                        self.heat.learn(windows[rows], motors)
                 for chunk in np.array_split(rows, self._pieces(windows[rows], model)):
-                    for own in self._shares(effects, int(model), chunk):
-                        some = Run(effects, windows[own], values[own])
-                        tasks.append(partial(self._chunk, int(model), some))
+                    for own in self._shares(effects, model, chunk):
+                        tasks.append(
+                            partial(self._chunk, model, Run(effects, windows[own], values[own]))
+                        )
                         places.append((result, own))
         for (result, own), part in zip(places, self._done(tasks), strict=True):
             for all_, some in zip(result, part, strict=True):
                 all_[own] = some
         return found
-
-    def _warm(self, effects: Sequence[Effect], model: int, windows: np.ndarray) -> None:
-        for effect in effects:
-            if isinstance(effect, ThermalDerating):
-                self.heat.learn(windows, effect.actuators(self.data.models[model]))
 
     def blank(self, rows: int) -> Simulated:
         """Return what rows come to that follow the log to the bit."""
@@ -210,11 +199,11 @@ class Simulator:
 
     def _is_stepped(self, effects: Sequence[Effect], model: int) -> bool:
         """Return whether something acts between the engine's steps."""
-        if any(plan.schedule.law is not None for plan in self._plans):
+        if any(plan.law is not None for plan in self._plans):
             return True
-        for effect in effects or (None,):
-            own = () if effect is None else (effect,)
-            key, known = tuple(map(key_of, own)), self._models[model].stepped
+        known = self._models[model].stepped
+        for own in [(effect,) for effect in effects] or [()]:
+            key = tuple(map(key_of, own))
             if key not in known:
                 known[key] = bool(self._make(model, own, 1, 1).substep_rules)
             if known[key]:
@@ -222,13 +211,9 @@ class Simulator:
         return False
 
     def _pieces(self, windows: np.ndarray, model: int) -> int:
-        steps = max(self._plans[i].schedule.steps for i in windows)
+        steps = max(self._plans[i].steps for i in windows)
         width = self.data.models[model].nq + self.data.models[model].nu
         return max(1, int(np.ceil(len(windows) * steps * width * BYTES / BATCH)))
-
-    def _plant(self, effects: Sequence[Effect], model: int, rows: int) -> Plant:
-        alone = is_helper() or self._is_stepped(effects, model)
-        return self._make(model, effects, rows, 1 if alone else self.threads)
 
     def _make(self, model: int, effects: Sequence[Effect], rows: int, threads: int) -> Plant:
         own = self._models[model]
@@ -246,7 +231,7 @@ class Simulator:
         count, threads = len(windows), 1 if is_helper() else self.threads
         plant = self._make(model, effects, count, threads)  # none that is in use
         _set(plant, strengths[:, weak])
-        plans = [self._plans[i].schedule for i in windows]
+        plans = [self._plans[i] for i in windows]
         motion, bits = simulate(plant, plans), groups(plant.model.nu)
         for row, (plan, path) in enumerate(zip(plans, motion.qpos, strict=True)):
             on = (plan.off[:, None] >> bits & 1) == 0
@@ -255,16 +240,14 @@ class Simulator:
     def _chunk(self, model: int, run: Run) -> Simulated:
         effects, windows, values = run
         data, plans = self.data, [self._plans[i] for i in windows]
-        plant = self._plant(effects, model, len(windows))
+        alone = is_helper() or self._is_stepped(effects, model)
+        plant = self._make(model, effects, len(windows), 1 if alone else self.threads)
         _set(plant, values)
-        motion = simulate(
-            plant, [plan.schedule for plan in plans], lambda: self.heat.start(plant, windows)
-        )
+        motion = simulate(plant, plans, lambda: self.heat.start(plant, windows))
         steps = int(motion.steps.sum())
         self.work.add(motion.dt * steps, steps)
-        at = InterpolationPoints(
-            *(np.stack(part) for part in zip(*(plan.at for plan in plans), strict=True))
-        )
+        read = zip(*(self._read[i] for i in windows), strict=True)
+        at = InterpolationPoints(*map(np.stack, read))
         simulated, change = interpolate(motion.qpos[:, :, self._places], at)
         mask = data.mask[windows][..., None]
         error = np.where(mask, (simulated - data.measured[windows]) / data.scale, 0.0)
@@ -272,9 +255,8 @@ class Simulator:
         spread = np.maximum(self._spread, data.settings.preflight.count_min)
         limit = data.settings.simulation.error_max * spread / data.scale
         error = np.where(np.isfinite(error), np.clip(error, -limit, limit), limit)
-        slope = np.nan_to_num(slope)
         self.on_run()
-        return Simulated(error, slope, motion.lost)
+        return Simulated(error, np.nan_to_num(slope), motion.lost)
 
 
 def errors_as_given(
