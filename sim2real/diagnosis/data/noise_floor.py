@@ -18,6 +18,7 @@ import numpy as np
 
 from hardware.log import Log
 from sim2real.diagnosis.data.pairs import scalars
+from sim2real.diagnosis.data.recording import powered
 from sim2real.diagnosis.data.windows import hunting_rows
 from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 
@@ -132,9 +133,8 @@ def _moments(
     part: Log, names: Sequence[str], settings: Settings
 ) -> list[tuple[float, bytes, np.ndarray]]:
     """Moments of an episode: when, the commands of the second before as a key, and positions."""
-    ctrl = np.column_stack([part.column(f"ctrl.{name}") for name in part.actuators])
-    on = [part.columns.get(f"torque.{name}", np.ones(len(part))) for name in part.actuators]
-    ctrl = np.column_stack([ctrl, *on])
+    sent = [part.column(f"ctrl.{name}") for name in part.actuators]
+    ctrl = np.column_stack([*sent, *(powered(part, name) for name in part.actuators)])
     history, every, found = settings.bootstrap.block_s, settings.noise_floor.every_s, []
     count = round(2 * history / every)  # of commands that are compared: twice between moments
     for when in np.arange(np.ceil((part.time[0] + history) / every) * every, part.time[-1], every):

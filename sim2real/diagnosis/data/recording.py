@@ -132,6 +132,11 @@ def episode_rows(log: Log) -> Iterator[slice]:
         yield slice(start, start := start + len(part))
 
 
+def powered(log: Log, actuator: str) -> np.ndarray:
+    """Return in which rows of a log a servo was switched on, (T,) bool."""
+    return log.columns.get(f"torque.{actuator}", np.ones(len(log))) > 0
+
+
 def flagged(log: Log, column: str, rows: np.ndarray) -> Log:
     """Return a log whose column flags rows, (T,) bool; itself where there are none."""
     columns = {**log.columns, column: rows.astype(float)}
@@ -158,7 +163,7 @@ def to_recording(log: Log, model: mujoco.MjModel, before: Columns | None = None)
             rows are the first of their episode, empty where nothing is known of those before.
     """
     qpos, held = home(model)
-    ctrl, powered = np.tile(held, (len(log), 1)), np.ones((len(log), model.nu), bool)
+    ctrl, on = np.tile(held, (len(log), 1)), np.ones((len(log), model.nu), bool)
     read = np.tile(log.time[:, None], model.nq)
     for name, place in positions(log, model).items():
         qpos[place] = log.column(f"qpos.{name}")[0]
@@ -169,12 +174,11 @@ def to_recording(log: Log, model: mujoco.MjModel, before: Columns | None = None)
             gear = gear_of(model, i)
             ctrl[:, i] = gear * log.column(f"ctrl.{name}")
             held[i] = gear * before[f"ctrl.{name}"][-1] if before else ctrl[0, i]
-        if f"torque.{name}" in log.columns:
-            powered[:, i] = log.column(f"torque.{name}") > 0
+        on[:, i] = powered(log, name)
     (qvel, _), start = start_speeds(log, model, before), log.time[0]
     law, act = laws_of(log, model), state_of(log, model)
     qpos, qvel = follow_couplings(model, qpos, qvel, positions(log, model).values())
-    return Recording(log.time - start, ctrl, qpos, qvel, powered, held, read - start, law, act)
+    return Recording(log.time - start, ctrl, qpos, qvel, on, held, read - start, law, act)
 
 
 def home(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from hardware.log import Log
-from sim2real.diagnosis.data.recording import episode_rows
+from sim2real.diagnosis.data.recording import episode_rows, powered
 from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 
 THIRDS = (1 / 3, 2 / 3)  # of a joint's range, or of the time
@@ -56,7 +56,7 @@ def regimes(
         error = np.abs(log.column(f"ctrl.{actuator}") - q)
         names = ("at its goal", "near its goal", "far from its goal")
         yield from _thirds("error", names, error, limits.goal_error, limits.rare)
-        on = log.columns.get(f"torque.{actuator}", np.ones(len(log))) > 0
+        on = powered(log, actuator)
         yield Kind("hold", "hold", held(log, actuator, settings) & on)
         if not on.all():
             yield Kind("torque", "torque off", ~on)
