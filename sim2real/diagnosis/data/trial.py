@@ -79,35 +79,31 @@ def choose(logs: Sequence[Log], seconds: float, most: int) -> list[Piece]:
         seconds: length of a piece.
         most: number of pieces at most.
     """
-    found: list[tuple[int, int, int, dict[str, float]]] = []
+    cuts: list[tuple[int, int, int]] = []  # number of the log, first and last row
     for number, log in enumerate(logs):
         for own in episode_rows(log):
             time = log.time[own]
             ends = np.searchsorted(time, np.arange(time[0], time[-1], seconds) - ROUNDING)
-            for first, last in pairwise([*(own.start + ends).tolist(), own.stop]):
-                if last - first >= 2 * NEAR + 1:
-                    ctrl = {n: log.column(f"ctrl.{n}")[first:last] for n in log.actuators}
-                    stir = {n: float(values.std()) for n, values in ctrl.items()}
-                    found.append((number, first, last, stir))
+            rows = pairwise([*(own.start + ends).tolist(), own.stop])
+            cuts += [(number, first, last) for first, last in rows if last - first > 2 * NEAR]
     hunts = [hunting_rows(log) for log in logs]
-    found = [one for one in found if not hunts[one[0]][one[1] : one[2]].any()] or found
-    best = {
-        name: max([f[3].get(name, 0.0) for f in found], default=0)
-        for log in logs
-        for name in log.actuators
-    }
-    seen = {name: 0.0 for name, size in best.items() if size > STIR}
-    chosen = []
-    while found and len(chosen) < most:
-        gains = [
-            sum(max(stir.get(n, 0.0) / best[n] - seen[n], 0.0) for n in seen) for *_, stir in found
-        ]
+    cuts = [one for one in cuts if not hunts[one[0]][slice(*one[1:])].any()] or cuts
+    names = list(dict.fromkeys(name for log in logs for name in log.actuators))
+    stirs = np.zeros((len(cuts), len(names)))
+    for row, (number, first, last) in zip(stirs, cuts, strict=True):
+        for place, name in enumerate(names):
+            if name in logs[number].actuators:
+                row[place] = logs[number].column(f"ctrl.{name}")[first:last].std()
+    best = stirs.max(axis=0, initial=0.0)
+    shares = stirs[:, best > STIR] / best[best > STIR]
+    seen, chosen = np.zeros(shares.shape[1]), []
+    while len(chosen) < min(most, len(cuts)):
+        gains = np.maximum(shares - seen, 0.0).sum(axis=1)
         top = int(np.argmax(gains))
         if chosen and gains[top] < NEWS:
             break
-        number, first, last, stir = found.pop(top)
-        seen = {n: max(seen[n], stir.get(n, 0.0) / best[n]) for n in seen}
-        chosen.append(piece(logs[number], number, first, last))
+        seen = np.maximum(seen, shares[top])
+        chosen.append(piece(logs[cuts[top][0]], *cuts[top]))
     return chosen
 
 
@@ -130,8 +126,7 @@ def trial(
     size = len(plans) * max(plan.steps for plan in plans) * width * BYTES  # bytes
     paths: list[np.ndarray] = []
     for chunk in np.array_split(np.arange(len(plans)), int(np.ceil(size / LARGEST))):
-        motion = simulate(
-            Plant(plant_spec, num_rows=len(chunk), fixed=fixed), [plans[i] for i in chunk]
-        )
+        plant = Plant(plant_spec, num_rows=len(chunk), fixed=fixed)
+        motion = simulate(plant, [plans[i] for i in chunk])
         paths += [motion.at_rows(k, recordings[i]) for k, i in enumerate(chunk)]
     return paths
