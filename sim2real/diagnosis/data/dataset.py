@@ -113,17 +113,17 @@ class Data:
         units = {joint.unit for joint in self.joints}
         return units.pop() if len(units) == 1 else "spread"
 
-    def blocks(self, seconds: float | None = None) -> np.ndarray:
+    def blocks(self, seconds: float) -> np.ndarray:
         """Return the block that each row is in, (W, T); -1 where none.
 
         Args:
-            seconds: length of a block, which may span several windows of an episode; None, and
-                what is shorter, is about a second of one window.
+            seconds: length of a block, which may span several windows of an episode; what is
+                shorter than a second is about a second of one window.
         """
         least, found = self.settings.bootstrap.block_s, np.full(self.mask.shape, -1)
         known: dict[tuple[int, ...], int] = {}
         for i, (window, time) in enumerate(zip(self.windows, self.times(), strict=True)):
-            if seconds is not None and seconds > least:
+            if seconds > least:
                 own = [(window.log, window.episode, int(t // seconds)) for t in time]
             else:
                 since = window.sample[:, 0] - window.sample[0, 0]

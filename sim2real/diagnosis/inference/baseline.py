@@ -50,7 +50,7 @@ class Baseline:
         data, count = replayer.data, len(replayer.every)
         errors, lost = replayer.follow(NONE, np.zeros((count, 0)))
         _refuse_lost(data, lost)
-        blocks = Blocks(data, replayer.every, rng, coherence(data, errors))
+        blocks = Blocks(data, rng, coherence(data, errors))
         return Baseline(data, errors, data.floors(), blocks)
 
     @property
