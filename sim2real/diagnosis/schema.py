@@ -40,26 +40,15 @@ ClosedLoopVerdict = Literal["within_floor", "nearer", "as_far", "farther", "apar
 
 @dataclass(frozen=True)
 class GapMetrics:
-    """Error of the simulation: root mean square over joints and held-out rows.
+    """Error of the simulation: root mean square over joints and held-out rows."""
 
-    Args:
-        unit: rad or m; "spread" if the robot has both kinds of joints (1: the spread of a joint's
-            motion).
-        before: the gap with the model as given.
-        after: the gap with the causes in the model; None if there is no gap.
-        noise_floor: the part of the gap that is sensor noise.
-        closed: fraction of the closable gap that is closed; None if there is no gap.
-        closed_ci: its 90 % interval, by a block bootstrap.
-        held_out: whether the segments were held out from every fit.
-    """
-
-    unit: str
-    before: float
-    after: float | None
-    noise_floor: float
-    closed: float | None
-    closed_ci: Pair | None
-    held_out: bool
+    unit: str  # rad or m; "spread" of a joint's motion if the robot has both kinds of joints
+    before: float  # the gap with the model as given
+    after: float | None  # the gap with the causes in the model; None if there is no gap
+    noise_floor: float  # the part of the gap that is sensor noise
+    closed: float | None  # fraction of the closable gap that is closed; None if there is no gap
+    closed_ci: Pair | None  # its 90 % interval, by a block bootstrap
+    held_out: bool  # whether the segments were held out from every fit
 
 
 @dataclass(frozen=True)
@@ -67,14 +56,10 @@ class WholeReplay:
     """Error of `sim2real replay` on the same logs: root mean square over all joints and rows.
 
     Whole episodes from their starts, nothing held out or left out; [rad], of slides [m].
-
-    Args:
-        before: the error with the model as given; None if it diverges.
-        after: the error with `effects.yaml`; None if it diverges or there are no causes.
     """
 
-    before: float | None
-    after: float | None
+    before: float | None  # the error with the model as given; None if it diverges
+    after: float | None  # the error with `effects.yaml`; None if it diverges or has no causes
 
 
 @dataclass(frozen=True)
@@ -98,20 +83,12 @@ class JointGap:
 
 @dataclass(frozen=True)
 class Equivalent:
-    """An effect that the data cannot distinguish from a cause.
+    """An effect that the data cannot distinguish from a cause."""
 
-    Args:
-        effect: its standard name.
-        where: its location.
-        inseparable: whether no recording of commands and positions can distinguish it from the
-            cause or another equivalent.
-        kind: see `Cause`.
-    """
-
-    effect: str
-    where: str | None
-    inseparable: bool = False
-    kind: Kind = "robot"
+    effect: str  # its standard name
+    where: str | None  # its location
+    inseparable: bool = False  # whether no recording can tell it from the cause or an equivalent
+    kind: Kind = "robot"  # see `Cause`
 
 
 @dataclass(frozen=True)
@@ -184,21 +161,13 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Distance:
-    """Distance between the robot's measurements in closed loop and a simulator's.
+    """Distance between the robot's measurements in closed loop and a simulator's."""
 
-    Args:
-        measure: `sliced_wasserstein` (in deviations of each channel) or `mmd`.
-        floor: between two halves of the robot's own episodes.
-        nominal: between the robot and the training simulator.
-        corrected: between the robot and that simulator with the effects; None without effects.
-        nearer: nominal minus corrected; None without effects.
-    """
-
-    measure: str
-    floor: Estimate
-    nominal: Estimate
-    corrected: Estimate | None
-    nearer: Estimate | None
+    measure: str  # `sliced_wasserstein` (in deviations of each channel) or `mmd`
+    floor: Estimate  # between two halves of the robot's own episodes
+    nominal: Estimate  # between the robot and the training simulator
+    corrected: Estimate | None  # from the robot to the corrected simulator; None without effects
+    nearer: Estimate | None  # nominal minus corrected; None without effects
 
 
 @dataclass(frozen=True)
@@ -215,24 +184,18 @@ class ClosedLoop:
     """The policy on the robot, in the simulator as given and in the corrected simulator.
 
     Args:
-        policy: its file.
-        channels: columns that are compared; `gravity.<site>` stands for an orientation.
-        episodes: episodes of the robot.
-        simulated: episodes in each simulator.
         verdict: by the first distance. `within_floor`: as close to the robot as the robot to
             itself; `nearer`, `as_far`, `farther`: the corrected simulator, compared with the one as
             given; `apart`: no effects, and beyond the floor.
-        distances: sliced Wasserstein, then maximum mean discrepancy.
-        returns: None if the log lacks what the reward needs.
     """
 
-    policy: str
-    channels: tuple[str, ...]
-    episodes: int
-    simulated: int
+    policy: str  # its file
+    channels: tuple[str, ...]  # columns that are compared; `gravity.<site>`: an orientation
+    episodes: int  # episodes of the robot
+    simulated: int  # episodes in each simulator
     verdict: ClosedLoopVerdict
-    distances: tuple[Distance, ...]
-    returns: Returns | None = None
+    distances: tuple[Distance, ...]  # sliced Wasserstein, then maximum mean discrepancy
+    returns: Returns | None = None  # None if the log lacks what the reward needs
 
 
 @dataclass(frozen=True)
