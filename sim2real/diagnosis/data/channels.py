@@ -19,12 +19,12 @@ from collections.abc import Iterator, Sequence
 import mujoco
 import numpy as np
 
-from envs.plant import Fixed, Plant
-from envs.replay import Schedule, schedule, simulate
+from envs.plant import Fixed
+from envs.replay import Schedule
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.noise_floor import reading_noise
 from sim2real.diagnosis.data.pairs import is_scalar
-from sim2real.diagnosis.data.simulate import actuated
+from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.data.thermal import torques
 from sim2real.diagnosis.evidence import ChannelGap
 from sim2real.diagnosis.settings import DEFAULT, TINY, Preflight
@@ -76,26 +76,22 @@ def contradicting(
 
 def _residuals(data: Data, fixed: Sequence[Fixed], torque: dict[str, str]) -> dict[str, float]:
     """Return the root mean square residual of each column over the compared rows."""
-    both: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
-    for index, spec in enumerate(data.specs):
-        windows = [window for window in data.windows if window.model == index]
-        if not windows:
-            continue
-        plant = Plant(spec, num_rows=len(windows), fixed=fixed)
-        dt, imu = plant.model.opt.timestep, _with_sensors(data, index)
-        plans = [schedule(window.recording, dt) for window in windows]
-        paths, simulated = simulate(plant, plans).qpos, actuated(plant, 0)
-        for window, plan, path in zip(windows, plans, paths, strict=True):
-            log, rows = data.logs[window.log], window.first + np.flatnonzero(window.usable)
-            steps = np.round((log.time[rows] - log.time[window.start]) / dt).astype(int)
+    both: dict[str, list[np.ndarray]] = {}
+    simulator, imus = Simulator(data, fixed), [_with_sensors(data, spec) for spec in data.specs]
+    for number, log in enumerate(data.logs):
+        windows = [window for window in data.windows if window.log == number]
+        own = {name: column for name, column in torque.items() if column in log.columns}
+        for window, (model, path, plan, _) in zip(windows, simulator.paths(number), strict=True):
+            rows, imu = window.first + np.flatnonzero(window.usable), imus[window.model]
+            since = log.time[rows] - log.time[window.start]
+            steps = np.round(since / model.opt.timestep).astype(int)
             if np.isfinite(path).all() and steps.size:
                 steps = np.clip(steps, 1, len(path) - 2)
-                own = {name: column for name, column in torque.items() if column in log.columns}
-                made = _simulated(simulated, plan, path, steps, own)
+                made = _simulated(model, plan, path, steps, own)
                 made |= _sensed(imu, path, steps) if imu.nsensor else {}
-                for column, values in made.items():
-                    if column in log.columns:
-                        both.setdefault(column, []).append((log.column(column)[rows], values))
+                for column in [name for name in made if name in log.columns]:
+                    pair = np.stack([log.column(column)[rows], made[column]])
+                    both.setdefault(column, []).append(pair)
     return {column: _rms(np.concatenate(pairs, axis=1), column) for column, pairs in both.items()}
 
 
@@ -123,15 +119,15 @@ def _simulated(
             slope = (path[steps + 1, place] - path[steps - 1, place]) / 2
             found[f"qvel.{model.joint(i).name}"] = slope / model.opt.timestep
     if torque:
-        every = torques(model, path[: plan.steps + 1], plan)
+        every = torques(model, path, plan)
         for name, column in torque.items():
-            found[column] = every[np.minimum(steps, len(every) - 1), model.actuator(name).id]
+            found[column] = every[steps, model.actuator(name).id]
     return found
 
 
-def _with_sensors(data: Data, index: int) -> mujoco.MjModel:
+def _with_sensors(data: Data, spec: mujoco.MjSpec) -> mujoco.MjModel:
     """Return a model whose only sensors are the IMUs that the logs have."""
-    spec = data.specs[index].copy()
+    spec = spec.copy()
     for sensor in list(spec.sensors):
         spec.delete(sensor)
     columns = {name.rpartition(".")[0] for log in data.logs for name in log.columns}

@@ -102,7 +102,7 @@ class Simulator:
         models: Sequence[_Lean] | None = None,
     ) -> None:
         self.data, self.fixed, self.threads, self.on_run = data, tuple(fixed), threads, on_run
-        self.heat = Heat(data, self._paths)
+        self.heat = Heat(data, self.paths)
         self.work = Work() if work is None else work
         if models is None:
             specs = [lean(spec) for spec in data.specs]
@@ -219,23 +219,25 @@ class Simulator:
         own = self._models[model]
         return Plant(own.spec, effects, rows, threads, fixed=self.fixed, nominal=own.model)
 
-    def _paths(
-        self, number: int, strengths: np.ndarray
+    def paths(
+        self, number: int, strengths: np.ndarray | None = None
     ) -> Iterator[tuple[mujoco.MjModel, np.ndarray, Schedule, np.ndarray]]:
         """Yield what the model does in each window of a log, motors weakened; see `Heat`."""
-        windows = np.array([i for i, w in enumerate(self.data.windows) if w.log == number])
-        model = self.data.windows[windows[0]].model
+        windows = [i for i, window in enumerate(self.data.windows) if window.log == number]
+        if not windows:
+            return
+        model = self.data.models[index := self.data.windows[windows[0]].model]
+        if strengths is None:
+            strengths = np.ones((len(windows), model.nu))
         weak = np.flatnonzero((strengths != 1).any(axis=0))
-        names = [self.data.models[model].actuator(int(motor)).name for motor in weak]
-        effects = [make("motor_strength", where=name) for name in names]
-        count, threads = len(windows), 1 if is_helper() else self.threads
-        plant = self._make(model, effects, count, threads)  # none that is in use
+        effects = [make("motor_strength", where=model.actuator(int(i)).name) for i in weak]
+        threads = 1 if is_helper() else self.threads
+        plant = self._make(index, effects, len(windows), threads)  # none that is in use
         _set(plant, strengths[:, weak])
-        plans = [self._plans[i] for i in windows]
-        motion, bits = simulate(plant, plans), groups(plant.model.nu)
-        for row, (plan, path) in enumerate(zip(plans, motion.qpos, strict=True)):
+        plans, bits = [self._plans[i] for i in windows], groups(model.nu)
+        for row, (plan, path) in enumerate(zip(plans, simulate(plant, plans).qpos, strict=True)):
             on = (plan.off[:, None] >> bits & 1) == 0
-            yield actuated(plant, row), path[: plan.steps + 1], plan, on
+            yield _actuated(plant, row), path[: plan.steps + 1], plan, on
 
     def _chunk(self, model: int, run: Run) -> Simulated:
         effects, windows, values = run
@@ -267,7 +269,7 @@ def errors_as_given(
     return Simulator(some, fixed).run((), every, np.zeros((len(every), 0))).error
 
 
-def actuated(plant: Plant, row: int) -> mujoco.MjModel:
+def _actuated(plant: Plant, row: int) -> mujoco.MjModel:
     """Return the model with its actuators as a row of a plant has them."""
     model = copy(plant.nominal)
     model.actuator_forcelimited[:] = plant.model.actuator_forcelimited
