@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.effects import merge_effects
 from hardware.log import Log
 from sim2real.diagnosis.closed_loop.check import Drawn, LoadPlayer, closed_loop_of
 from sim2real.diagnosis.data.channels import channel_gaps, contradicting
@@ -80,8 +79,7 @@ def witnessed(found: Diagnosis, data: Data) -> Diagnosis:
     """Add how far the channels that nothing was fitted to are off, and which speak against it."""
     pairs = list(zip(data.logs, data.log_models, strict=True))
     torque = measured_torques(pairs, data.settings.preflight)
-    every = merge_effects(found.known, found.found) if found.found else found.known
-    gaps = channel_gaps(data, found.known, every, torque)
+    gaps = channel_gaps(data, found.known, found.effects if found.found else None, torque)
     against = [Finding(*words) for words in contradicting(gaps, data.settings.preflight)]
     report, evidence = found.report, replace(found.report.evidence, channels=gaps)
     report = replace(report, preflight=(*report.preflight, *against), evidence=evidence)
@@ -108,8 +106,8 @@ def played(
     """
     if blocking_findings(found.report):
         return found
-    effects = merge_effects(found.known, found.found)
-    drawn = [Drawn(*one, ci) for one, ci in zip(effects, intervals_of(found), strict=True)]
+    pairs = zip(found.effects, intervals_of(found), strict=True)
+    drawn = [Drawn(*one, ci) for one, ci in pairs]
     loop = closed_loop_of(logs, load_player, actor, drawn, seed, settings.closed_loop)
     return found._replace(report=replace(found.report, closed_loop=loop))
 

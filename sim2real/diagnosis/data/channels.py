@@ -38,21 +38,21 @@ UNITS = {"qvel": "rad/s", "gyro": "rad/s", "accelerometer": "m/s²", "current": 
 
 
 def channel_gaps(
-    data: Data, known: Sequence[Fixed], found: Sequence[Fixed], torque: dict[str, str]
+    data: Data, known: Sequence[Fixed], found: Sequence[Fixed] | None, torque: dict[str, str]
 ) -> tuple[ChannelGap, ...]:
     """Return how far every channel but the positions is off, before and after.
 
     Args:
         data: the windows.
         known: effects that are part of the model.
-        found: the same and those that were found.
+        found: the same and those that were found; None where none were.
         torque: the column that is a measured torque or current of each actuator.
     """
     kinds = {column.partition(".")[0] for log in data.logs for column in log.columns}
     if not torque and not kinds & {"qvel", *SENSORS}:
         return ()
     before = _residuals(data, known, torque)
-    after = _residuals(data, found, torque) if found is not known else before
+    after = before if found is None else _residuals(data, found, torque)
     noise = {column: reading_noise(data.logs, column, data.settings) for column in before}
     units = {column: UNITS.get(column.partition(".")[0], "N·m") for column in before}
     return tuple(ChannelGap(c, units[c], noise[c], before[c], after[c]) for c in before)
