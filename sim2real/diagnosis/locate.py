@@ -8,10 +8,9 @@ A share is a part of a joint's squared error. A kind of moment is named where it
 than its part of the time, by more than a block bootstrap leaves to chance.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -24,16 +23,6 @@ from sim2real.diagnosis.data.replay import Gap
 from sim2real.diagnosis.evidence import Band
 from sim2real.diagnosis.schema import JointGap, Regime
 from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE, Locating, Settings
-
-
-class _Cell(NamedTuple):
-    """A kind of moment of one joint."""
-
-    group: str  # such as "speed"
-    name: str  # such as "fast"
-    share: float  # of the joint's squared error
-    low: float  # the least that it may be
-    time: float  # share of the rows
 
 
 def locate(
@@ -63,10 +52,10 @@ def locate(
     shares = power / max(float(power.sum()), TINY_SQUARE)
     found = []
     for i, joint in enumerate(gaps[0].joints):
-        cells = _cells(logs, models, joint, error[:, i], rng, settings)
+        regimes = _regimes(logs, models, joint, error[:, i], rng, settings)
         rest = float(np.sqrt(left[i])) if after else None
         sizes = float(shares[i]), float(np.sqrt(before[i])), rest
-        found.append(JointGap(joint, *sizes, _named(cells, settings.locating)))
+        found.append(JointGap(joint, *sizes, regimes))
     return tuple(sorted(found, key=lambda gap: -gap.share))
 
 
@@ -116,15 +105,18 @@ def _error(gaps: Sequence[Gap]) -> np.ndarray:
     return np.concatenate([gap.simulated - gap.measured for gap in gaps])
 
 
-def _cells(
+def _regimes(
     logs: Sequence[Log],
     models: Sequence[mujoco.MjModel],
     joint: str,
     error: np.ndarray,
     rng: np.random.Generator,
     settings: Settings,
-) -> Iterator[_Cell]:
-    """Yield the kinds of moments of one joint, of whose error (T,) they are a part."""
+) -> tuple[Regime, ...]:
+    """Return the kinds of moments that hold more than their part of a joint's error, (T,).
+
+    They are the best of each group.
+    """
     kinds: dict[tuple[str, str], np.ndarray] = {}
     block, start, count = np.zeros(len(error), int), 0, 0
     for log, model in zip(logs, models, strict=True):
@@ -135,15 +127,19 @@ def _cells(
         fresh |= np.diff(np.floor(log.time / settings.bootstrap.block_s), prepend=0) != 0
         block[own] = count + np.cumsum(fresh)
         count = int(block[start - 1]) + 1
-    square, draws = error**2, settings.bootstrap.draws
+    square, draws, limits = error**2, settings.bootstrap.draws, settings.locating
     weights = rng.multinomial(count, np.full(count, 1 / count), draws)  # (D, blocks)
     whole = np.maximum(weights @ np.bincount(block, square, count), TINY_SQUARE)
+    best: dict[str, tuple[float, Regime]] = {}  # by group: how much more, and which
     for (group, name), rows in kinds.items():
-        if rows.any():
-            shares = weights @ np.bincount(block[rows], square[rows], count) / whole
-            low = float(np.quantile(shares, settings.inference.level))
-            share = float(square[rows].sum() / max(square.sum(), TINY_SQUARE))
-            yield _Cell(group, name, share, low, float(rows.mean()))
+        shares = weights @ np.bincount(block[rows], square[rows], count) / whole
+        low = float(np.quantile(shares, settings.inference.level))
+        share, time = float(square[rows].sum() / max(square.sum(), TINY_SQUARE)), rows.mean()
+        largest = group not in best or share > best[group][1].share
+        if low > limits.lift * time and share > limits.share_min and largest:
+            best[group] = (share - time, Regime(name, share))
+    chosen = sorted(best.values(), key=lambda one: -one[0])
+    return tuple(regime for _, regime in chosen[: limits.named_max])
 
 
 def _kinds(
@@ -156,17 +152,6 @@ def _kinds(
     for number in numbers:
         label = name if len(numbers) == 1 else f"{name}, episode {number}"
         yield "episode", label, log.episode == number
-
-
-def _named(cells: Iterable[_Cell], settings: Locating) -> tuple[Regime, ...]:
-    """The kinds of moments that hold more than their part, the best of each group."""
-    best: dict[str, _Cell] = {}
-    for cell in cells:
-        more = cell.low > settings.lift * cell.time and cell.share > settings.share_min
-        if more and (cell.group not in best or cell.share > best[cell.group].share):
-            best[cell.group] = cell
-    chosen = sorted(best.values(), key=lambda c: -(c.share - c.time))
-    return tuple(Regime(cell.name, cell.share) for cell in chosen[: settings.named_max])
 
 
 def _spectrum(gaps: Sequence[Gap], edges: Sequence[float]) -> tuple[np.ndarray, float]:

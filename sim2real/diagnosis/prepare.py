@@ -30,24 +30,15 @@ from sim2real.diagnosis.settings import Settings
 
 
 class PreparedLogs(NamedTuple):
-    """Logs before any cause is looked for.
+    """Logs before any cause is looked for."""
 
-    Args:
-        logs: without what obstructed or hunting moments would spoil.
-        data: their windows.
-        specs: the model of each log.
-        driven: the joint that each actuator drives by desired positions.
-        findings: of preflight.
-        restart: makes the windows anew with effects in the model, where nobody measured the base;
-            else None.
-    """
-
-    logs: Sequence[Log]
-    data: Data
-    specs: list[mujoco.MjSpec]
-    driven: dict[str, str]
-    findings: list[Finding]
+    logs: Sequence[Log]  # without what obstructed or hunting moments would spoil
+    data: Data  # their windows
+    specs: list[mujoco.MjSpec]  # the model of each log
+    driven: dict[str, str]  # the joint that each actuator drives by desired positions
+    findings: list[Finding]  # of preflight
     restart: Callable[[Sequence[Fixed]], Data] | None
+    """Makes the windows anew with effects in the model, where nobody measured the base."""
 
 
 def prepare(

@@ -32,30 +32,19 @@ from sim2real.runs.errors import Sim2RealError
 
 @dataclass(frozen=True)
 class Data:
-    """Windows of all logs, padded to one length T.
-
-    Args:
-        logs: the logs.
-        specs: the models, each once; their actuators can be switched off.
-        models: each spec, compiled.
-        joints: M compared positions.
-        windows: W of them.
-        mask: which rows are compared, (W, T).
-        measured: (W, T, M).
-        settings: the settings of this and all later stages.
-        starts: what one standard deviation of each unknown of a start changes of errors,
-            (W, T, M, D), where starts are estimated; None: they are measured.
-    """
+    """Windows of all logs, padded to one length T."""
 
     logs: tuple[Log, ...]
-    specs: tuple[mujoco.MjSpec, ...]
-    models: tuple[mujoco.MjModel, ...]
-    joints: tuple[Joint, ...]
-    windows: tuple[Window, ...]
-    mask: np.ndarray
-    measured: np.ndarray
-    settings: Settings = DEFAULT
+    specs: tuple[mujoco.MjSpec, ...]  # the models, each once; their actuators can be switched off
+    models: tuple[mujoco.MjModel, ...]  # each spec, compiled
+    joints: tuple[Joint, ...]  # M compared positions
+    windows: tuple[Window, ...]  # W of them
+    mask: np.ndarray  # (W, T) which rows are compared
+    measured: np.ndarray  # (W, T, M)
+    settings: Settings = DEFAULT  # of this and all later stages
     starts: np.ndarray | None = None
+    """What one standard deviation of each unknown of a start changes of errors, (W, T, M, D), where
+    starts are estimated; None: they are measured."""
 
     @staticmethod
     def of(

@@ -9,8 +9,8 @@ Each recording is one row; rows that diverge are NaN from there on.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -35,20 +35,14 @@ NEWS = 0.1  # of the commands' largest motions: a further piece shows at least s
 BYTES = 8  # of a number
 
 
-@dataclass(frozen=True)
-class Piece:
-    """Some rows of one episode.
+class Piece(NamedTuple):
+    """Some rows of one episode."""
 
-    Args:
-        number: the log's number, in the order given.
-        log: these rows alone, their time from 0.
-        before: columns of the rows just before; None where the piece starts with its episode, empty
-            where they are not known.
-    """
-
-    number: int
-    log: Log
+    number: int  # of the log, in the order given
+    log: Log  # these rows alone, their time from 0
     before: Columns | None = None
+    """Columns of the rows just before; None where the piece starts with its episode, empty where
+    they are not known."""
 
     def recording(self, model: mujoco.MjModel) -> Recording:
         """Return the piece in the order of a model's joints and actuators."""
