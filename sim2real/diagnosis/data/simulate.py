@@ -108,20 +108,16 @@ class Simulator:
             specs = [lean(spec) for spec in data.specs]
             models = [_Lean(spec, spec.copy().compile(), {}) for spec in specs]
         self._models, self._length = models, data.mask.shape[1]
-        dts = [data.models[window.model].opt.timestep for window in data.windows]
-        self._plans = [schedule(w.recording, dt) for w, dt in zip(data.windows, dts, strict=True)]
-        self._read = [self._readings(w, dt) for w, dt in zip(data.windows, dts, strict=True)]
-        self._places = np.array([joint.qpos for joint in data.joints])
-        self._spread = np.array([joint.spread for joint in data.joints])
+        self._plans, self._read = [], []  # what is asked for; when each joint was read, (T, M)
+        for window in data.windows:
+            more = (0, self._length - len(window.sample)), (0, 0)
+            dt = data.models[window.model].opt.timestep
+            self._plans.append(schedule(window.recording, dt))
+            self._read.append(readings(np.pad(window.sample, more, "edge"), dt))
 
     def of(self, data: Data) -> Simulator:
         """Return a simulator of other windows of the same models, effects, cores and work."""
         return Simulator(data, self.fixed, self.threads, self.on_run, self.work, self._models)
-
-    def _readings(self, window: Window, dt: float) -> InterpolationPoints:
-        """Return when each joint was read, (T, M)."""
-        padding = (0, self._length - len(window.sample)), (0, 0)
-        return readings(np.pad(window.sample, padding, "edge"), dt)
 
     @property
     def steps(self) -> int:
@@ -139,25 +135,29 @@ class Simulator:
         return self.run_each([Run(tuple(effects), windows, values)])[0]
 
     def run_each(self, runs: Sequence[Run]) -> list[Simulated]:
-        """Simulate the rows of several runs: what Python steps on several cores, side by side."""
+        """Simulate the rows of several runs.
+
+        What Python steps is done on several cores, side by side, and so is what is small; many rows
+        that the engine steps itself are done one chunk after the other, on all cores.
+        """
         found = [self.blank(len(run.windows)) for run in runs]
-        tasks, places = [], []
+        jobs = []
         for result, (effects, windows, values) in zip(found, runs, strict=True):
             models = np.array([self.data.windows[i].model for i in windows], int)
             for model in np.unique(models).tolist():
-                rows = np.flatnonzero(models == model)
+                rows, stepped = np.flatnonzero(models == model), self._is_stepped(effects, model)
                 for effect in effects:
                     if isinstance(effect, ThermalDerating):
                         motors = effect.actuators(self.data.models[model])
                         self.heat.learn(windows[rows], motors)
                 for chunk in np.array_split(rows, self._pieces(windows[rows], model)):
-                    for own in self._shares(effects, model, chunk):
-                        tasks.append(
-                            partial(self._chunk, model, Run(effects, windows[own], values[own]))
-                        )
-                        places.append((result, own))
-        for (result, own), part in zip(places, self._done(tasks), strict=True):
-            for all_, some in zip(result, part, strict=True):
+                    alone = len(chunk) >= SHARED and not stepped
+                    for own in self._shares(chunk) if stepped else [chunk]:
+                        some = Run(effects, windows[own], values[own])
+                        jobs.append((partial(self._chunk, model, some), alone, result, own))
+        shared = iter(self.together([task for task, alone, *_ in jobs if not alone]))
+        for task, alone, result, own in jobs:
+            for all_, some in zip(result, task() if alone else next(shared), strict=True):
                 all_[own] = some
         return found
 
@@ -166,20 +166,6 @@ class Simulator:
         shape = (rows, self._length, len(self.data.joints))
         return Simulated(np.zeros(shape), np.zeros(shape), np.full(rows, np.inf))
 
-    def _done(self, tasks: Sequence[partial[Simulated]]) -> list[Simulated]:
-        """Return what chunks come to.
-
-        Large ones that the engine steps itself are done one after the other, on all cores, the
-        others side by side.
-        """
-        large = [
-            len(run.windows) >= SHARED and not self._is_stepped(run.effects, model)
-            for model, run in (task.args for task in tasks)
-        ]
-        shared = [task for task, alone in zip(tasks, large, strict=True) if not alone]
-        done = iter(self.together(shared))
-        return [task() if alone else next(done) for task, alone in zip(tasks, large, strict=True)]
-
     def together(self, tasks: Sequence[Callable[[], T]]) -> list[T]:
         """Return what tasks return that simulate with this, done on several cores."""
         results = together([partial(self.work.apart, task) for task in tasks], self.threads)
@@ -187,19 +173,17 @@ class Simulator:
             self.work.join(part)
         return [result for result, _ in results]
 
-    def _shares(self, effects: Sequence[Effect], model: int, rows: np.ndarray) -> list[np.ndarray]:
+    def _shares(self, rows: np.ndarray) -> list[np.ndarray]:
         """Return rows (n,) in as many shares as there are processes, where that saves time."""
-        few = len(rows) < SHARED
-        if few or not is_free() or not self._is_stepped(effects, model):
+        if len(rows) < SHARED or not is_free():
             return [rows]
         hands = self.threads or cores()
         count = hands * int(np.ceil(len(rows) / (hands * SHARE)))
-        most = 2 * len(rows) // SHARED
-        return np.array_split(rows, min(count, most))  # few effects in each
+        return np.array_split(rows, min(count, 2 * len(rows) // SHARED))  # few effects in each
 
     def _is_stepped(self, effects: Sequence[Effect], model: int) -> bool:
-        """Return whether something acts between the engine's steps."""
-        if any(plan.law is not None for plan in self._plans):
+        """Return whether rows take one core: something acts between steps, or a helper asks."""
+        if is_helper() or any(plan.law is not None for plan in self._plans):
             return True
         known = self._models[model].stepped
         for own in [(effect,) for effect in effects] or [()]:
@@ -216,7 +200,7 @@ class Simulator:
         return max(1, int(np.ceil(len(windows) * steps * width * BYTES / BATCH)))
 
     def _make(self, model: int, effects: Sequence[Effect], rows: int, threads: int) -> Plant:
-        own = self._models[model]
+        own, threads = self._models[model], 1 if is_helper() else threads
         return Plant(own.spec, effects, rows, threads, fixed=self.fixed, nominal=own.model)
 
     def paths(
@@ -231,8 +215,7 @@ class Simulator:
             strengths = np.ones((len(windows), model.nu))
         weak = np.flatnonzero((strengths != 1).any(axis=0))
         effects = [make("motor_strength", where=model.actuator(int(i)).name) for i in weak]
-        threads = 1 if is_helper() else self.threads
-        plant = self._make(index, effects, len(windows), threads)  # none that is in use
+        plant = self._make(index, effects, len(windows), self.threads)  # none that is in use
         _set(plant, strengths[:, weak])
         plans, bits = [self._plans[i] for i in windows], groups(model.nu)
         for row, (plan, path) in enumerate(zip(plans, simulate(plant, plans).qpos, strict=True)):
@@ -242,20 +225,20 @@ class Simulator:
     def _chunk(self, model: int, run: Run) -> Simulated:
         effects, windows, values = run
         data, plans = self.data, [self._plans[i] for i in windows]
-        alone = is_helper() or self._is_stepped(effects, model)
-        plant = self._make(model, effects, len(windows), 1 if alone else self.threads)
+        threads = 1 if self._is_stepped(effects, model) else self.threads
+        plant = self._make(model, effects, len(windows), threads)
         _set(plant, values)
         motion = simulate(plant, plans, lambda: self.heat.start(plant, windows))
         steps = int(motion.steps.sum())
         self.work.add(motion.dt * steps, steps)
-        read = zip(*(self._read[i] for i in windows), strict=True)
-        at = InterpolationPoints(*map(np.stack, read))
-        simulated, change = interpolate(motion.qpos[:, :, self._places], at)
+        at = map(np.stack, zip(*(self._read[i] for i in windows), strict=True))
+        places = [joint.qpos for joint in data.joints]
+        simulated, change = interpolate(motion.qpos[:, :, places], InterpolationPoints(*at))
         mask = data.mask[windows][..., None]
         error = np.where(mask, (simulated - data.measured[windows]) / data.scale, 0.0)
         slope = np.where(mask, change / motion.dt / data.scale, 0.0)
-        spread = np.maximum(self._spread, data.settings.preflight.count_min)
-        limit = data.settings.simulation.error_max * spread / data.scale
+        spread = [max(joint.spread, data.settings.preflight.count_min) for joint in data.joints]
+        limit = data.settings.simulation.error_max * np.array(spread) / data.scale
         error = np.where(np.isfinite(error), np.clip(error, -limit, limit), limit)
         self.on_run()
         return Simulated(error, np.nan_to_num(slope), motion.lost)
