@@ -63,12 +63,13 @@ class Data:
             LogError: a log that names what the model lacks.
         """
         specs, models, which = _models(logs, model)
-        for log, index in zip(logs, which, strict=True):
-            check_log(log, models[index])
-        logs = [with_states(log, models[index]) for log, index in zip(logs, which, strict=True)]
-        joints = _joints(logs, [models[i] for i in which], settings)
-        for log, index in zip(logs, which, strict=True):
-            refuse_loose_base(log, models[index], [joint.name for joint in joints])
+        own = [models[index] for index in which]
+        for log, robot in zip(logs, own, strict=True):
+            check_log(log, robot)
+        logs = [with_states(log, robot) for log, robot in zip(logs, own, strict=True)]
+        joints = _joints(logs, own, settings)
+        for log, robot in zip(logs, own, strict=True):
+            refuse_loose_base(log, robot, [joint.name for joint in joints])
         _refuse_short(logs, settings)
         _refuse_still(logs, joints, settings)
         windows = cut(logs, which, models, joints, settings.windows)
@@ -157,25 +158,23 @@ class Data:
         Returns:
             None if no model can take longer steps.
         """
-        specs = [spec.copy() for spec in self.specs]
+        specs = tuple(spec.copy() for spec in self.specs)
         for spec in specs:
             spec.option.timestep *= max(int(most / spec.option.timestep * (1 + TINY)), 1)
-        pairs = zip(specs, self.specs, strict=True)
-        if all(spec.option.timestep == own.option.timestep for spec, own in pairs):
-            return None
         models = tuple(spec.copy().compile() for spec in specs)
-        return replace(self, specs=tuple(specs), models=models)
+        pairs = zip(models, self.models, strict=True)
+        if all(model.opt.timestep == own.opt.timestep for model, own in pairs):
+            return None
+        return replace(self, specs=specs, models=models)
 
 
 def _stacked(windows: Sequence[Window]) -> dict[str, Any]:
     """Return windows, which of their rows are compared and what was measured, padded."""
-    rows = [len(window.usable) for window in windows]
-    ahead = [(0, max(rows) - own) for own in rows]
-    mask = [np.pad(window.usable, own) for window, own in zip(windows, ahead, strict=True)]
-    measured = [
-        np.pad(window.measured, (own, (0, 0)), "edge")
-        for window, own in zip(windows, ahead, strict=True)
-    ]
+    longest, mask, measured = max(len(window.usable) for window in windows), [], []
+    for window in windows:
+        ahead = (0, longest - len(window.usable))
+        mask.append(np.pad(window.usable, ahead))
+        measured.append(np.pad(window.measured, (ahead, (0, 0)), "edge"))
     return {"windows": tuple(windows), "mask": np.array(mask), "measured": np.array(measured)}
 
 
@@ -186,17 +185,15 @@ def _models(
 
     A log that says how long its robot's bus takes gets it as the delay of the model's actuators.
     """
-    specs: list[mujoco.MjSpec] = []
-    keys: list[tuple[str, float, tuple[str, ...]]] = []
+    specs: dict[tuple[str, float, tuple[str, ...]], mujoco.MjSpec] = {}
     which = []
     for log in logs:
         path = log.model if model is None else Path(model)
         key = (str(path.resolve() if path else path), bus_delay(log), impedance_of(log))
-        if key not in keys:
-            keys.append(key)
-            specs.append(as_recorded(load_model(log, model), log))
-        which.append(keys.index(key))
-    return specs, [spec.copy().compile() for spec in specs], which
+        if key not in specs:
+            specs[key] = as_recorded(load_model(log, model), log)
+        which.append(list(specs).index(key))
+    return [*specs.values()], [spec.copy().compile() for spec in specs.values()], which
 
 
 def _joints(
@@ -239,9 +236,7 @@ def _refuse_still(logs: Sequence[Log], joints: Sequence[Joint], settings: Settin
     counts, least = settings.preflight.counts, settings.preflight.count_min
     still = [j.name for j in joints if j.spread < counts * max(j.count, least)]
     if len(still) == len(joints):
-        names = ", ".join(still)
-        place = logs[0].path or "the log"
         raise Sim2RealError(
-            f"{place}: {names} never moved enough to be diagnosed; record motions with reversals "
-            "and several speeds (run=record)"
+            f"{logs[0].path or 'the log'}: {', '.join(still)} never moved enough to be diagnosed; "
+            "record motions with reversals and several speeds (run=record)"
         )
