@@ -185,7 +185,7 @@ class CenterOfMass(Effect):
     comparable = True
     sizes = Sizes("signed", "length", 0.03, 1.2)
     symptom = "a pose-dependent sag, as with a wrong mass, but acceleration changes differently"
-    source = "rigid body; CAD models are off by 5 to 20 %"
+    source = "rigid-body dynamics; CAD models are wrong by 5 to 20 %"
     experiment = "torque-off swings: the period separates inertia from gravity's lever arm"
     group = PLAIN
     law = _Shift
@@ -266,7 +266,7 @@ class Payload(Effect):
     comparable = True
     sizes = Sizes("add", "mass", 0.01, 2.5)
     symptom = "more sag and slower swings, most of all at the joints that lift the body"
-    source = "point mass: m r x and the parallel axis theorem"
+    source = "a point mass, by the parallel axis theorem"
     experiment = "holds with the arm stretched out, with and without the tool"
     group = PLAIN
     law = _Point

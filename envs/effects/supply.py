@@ -257,7 +257,7 @@ class _Derating(_Weakening):
 
 
 class ThermalDerating(ActuatorEffect):
-    """Motor torque that falls as the motor heats: all of it is scaled by 1 - value E.
+    """Motor torque that falls as the motor heats: it is scaled by 1 - value E.
 
     dE/dt = torque² - decay E, with E = 0 at reset. The factor applies to the control torque, its
     limit and the back-EMF; with `braking` 1 the back-EMF is unchanged, as under current control.
@@ -274,7 +274,7 @@ class ThermalDerating(ActuatorEffect):
             0.0,
             0.0,
             1.0,
-            "fraction of the damping that is not due to current and does not change with heat",
+            "fraction of the damping that is not caused by motor current and unaffected by heat",
             fit=(0.0, 1.0),
         ),
     )
@@ -283,8 +283,8 @@ class ThermalDerating(ActuatorEffect):
     sizes = Sizes("add", "heating", 1e-3, 100.0)
     symptom = "errors that grow over minutes of heavy load and disappear after a pause"
     source = (
-        "winding resistance and firmware limits follow the integral of I²R; XL330: 27 to"
-        " 40 °C in 2 minutes of tests"
+        "the integral of I²R heats the winding, which raises its resistance and lowers firmware"
+        " limits; tests of 2 minutes warmed an XL330 from 27 to 40 °C"
     )
     experiment = (
         "the same loaded motion before and after a minute of heavy load; log the temperature"
