@@ -128,7 +128,7 @@ def run_diagnosis(
     numerics = null_test(prepared.logs, prepared.specs, fixed, settings)
     on_progress("telling what was found", TELLING)
     inputs = _inputs(data, found.judgement.judge.fold, model, seed, exclude)
-    inputs["physics steps"] = dict(about.work.steps.most_common())
+    inputs["physics steps"] = about.work.steps
     if interface.verdict is not None:
         inputs["policy's interface"] = interface.verdict.replace("_", " ")
     report = replace(

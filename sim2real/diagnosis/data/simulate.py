@@ -119,11 +119,6 @@ class Simulator:
         """Return a simulator of other windows of the same models, effects, cores and work."""
         return Simulator(data, self.fixed, self.threads, self.on_run, self.work, self._models)
 
-    @property
-    def steps(self) -> int:
-        """Physics steps, of all rows."""
-        return self.work.total
-
     def run(self, effects: Sequence[Effect], windows: np.ndarray, values: np.ndarray) -> Simulated:
         """Simulate rows.
 
@@ -170,7 +165,7 @@ class Simulator:
         """Return what tasks return that simulate with this, done on several cores."""
         results = together([partial(self.work.apart, task) for task in tasks], self.threads)
         for _, part in results:
-            self.work.join(part)
+            self.work.add(*part)
         return [result for result, _ in results]
 
     def _shares(self, rows: np.ndarray) -> list[np.ndarray]:
