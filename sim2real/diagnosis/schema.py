@@ -45,22 +45,17 @@ class GapMetrics:
     Args:
         unit: rad or m; "spread" if the robot has both kinds of joints: errors are then relative to
             the standard deviation of a joint's positions.
-        before: the error with the model as given, which is the gap.
-        after: the error with the causes in the model; None if there is no gap.
-        noise_floor: the part of the error that is sensor noise.
         closed: fraction of the closable gap, `before` minus `noise_floor`, that is closed; None if
             there is no gap.
-        closed_ci: 90 % interval of `closed`, by a block bootstrap.
-        held_out: whether the rows were held out from every fit.
     """
 
     unit: str
-    before: float
-    after: float | None
-    noise_floor: float
+    before: float  # the error with the model as given, which is the gap
+    after: float | None  # the error with the causes in the model; None if there is no gap
+    noise_floor: float  # the part of the error that is sensor noise
     closed: float | None
-    closed_ci: Pair | None
-    held_out: bool
+    closed_ci: Pair | None  # 90 % interval of `closed`, by a block bootstrap
+    held_out: bool  # whether the rows were held out from every fit
 
 
 @dataclass(frozen=True)
@@ -68,14 +63,10 @@ class WholeReplay:
     """Error of `sim2real replay` on the same logs: root mean square over all joints and rows.
 
     Whole episodes from their starts, nothing held out or left out; [rad], of slides [m].
-
-    Args:
-        before: the error with the model as given; None if it diverges.
-        after: the error with `effects.yaml`; None if it diverges or there are no causes.
     """
 
-    before: float | None
-    after: float | None
+    before: float | None  # the error with the model as given; None if it diverges
+    after: float | None  # the error with `effects.yaml`; None if it diverges or there are no causes
 
 
 @dataclass(frozen=True)
@@ -102,17 +93,14 @@ class Equivalent:
     """An effect that the data cannot distinguish from a cause.
 
     Args:
-        effect: name of the effect.
-        where: its location, as in `Cause`.
         inseparable: whether no recording of commands and positions can distinguish it from the
             cause or from another equivalent.
-        kind: as in `Cause`.
     """
 
-    effect: str
-    where: str | None
+    effect: str  # name of the effect
+    where: str | None  # its location, as in `Cause`
     inseparable: bool = False
-    kind: Kind = "robot"
+    kind: Kind = "robot"  # as in `Cause`
 
 
 @dataclass(frozen=True)
@@ -191,17 +179,14 @@ class Distance:
     Args:
         measure: `sliced_wasserstein` (in standard deviations of the channels), or `mmd` (maximum
             mean discrepancy).
-        floor: distance between two halves of the robot's own episodes.
-        nominal: distance between the robot and the simulator as given.
         corrected: distance between the robot and the corrected simulator; None without effects.
-        nearer: `nominal` minus `corrected`; None without effects.
     """
 
     measure: str
-    floor: Estimate
-    nominal: Estimate
+    floor: Estimate  # distance between two halves of the robot's own episodes
+    nominal: Estimate  # distance between the robot and the simulator as given
     corrected: Estimate | None
-    nearer: Estimate | None
+    nearer: Estimate | None  # `nominal` minus `corrected`; None without effects
 
 
 @dataclass(frozen=True)
@@ -218,25 +203,19 @@ class ClosedLoop:
     """Comparison of the robot with both simulators while the policy controls them.
 
     Args:
-        policy: file or run folder of the policy.
-        channels: compared columns; `gravity.<site>` represents an orientation.
-        episodes: number of episodes on the robot.
-        simulated: number of episodes in each simulator.
         verdict: result for the first distance. `within_floor`: the corrected simulator is as close
             to the robot as the robot is to itself; `nearer`, `as_far`, `farther`: the distance of
             the corrected simulator, compared with that of the simulator as given; `apart`: without
             effects, a distance above the floor.
-        distances: sliced Wasserstein distance, then maximum mean discrepancy.
-        returns: mean returns; None if the log lacks an input of the reward.
     """
 
-    policy: str
-    channels: tuple[str, ...]
-    episodes: int
-    simulated: int
+    policy: str  # file or run folder of the policy
+    channels: tuple[str, ...]  # compared columns; `gravity.<site>` represents an orientation
+    episodes: int  # number of episodes on the robot
+    simulated: int  # number of episodes in each simulator
     verdict: ClosedLoopVerdict
-    distances: tuple[Distance, ...]
-    returns: Returns | None = None
+    distances: tuple[Distance, ...]  # sliced Wasserstein distance, then maximum mean discrepancy
+    returns: Returns | None = None  # mean returns; None if the log lacks an input of the reward
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,11 @@ def is_scalar(model: mujoco.MjModel, joint: int) -> bool:
     return int(model.jnt_type[joint]) in SCALAR
 
 
+def scalars(log: Log) -> list[str]:
+    """Return the logged hinges and slides."""
+    return [name for name in log.joints if f"qpos.{name}" in log.columns]
+
+
 def carriers(model: mujoco.MjModel, body: int) -> list[int]:
     """Return a body and those that carry it, but the world."""
     found = []
@@ -37,20 +42,15 @@ def joints_of(pairs: Pairs) -> list[str]:
 
 def unit_of(pairs: Pairs, joint: str) -> str:
     """Return rad for a hinge, m for a slide."""
-    kinds = {
-        model.joint(i).name: int(model.jnt_type[i]) for _, model in pairs for i in range(model.njnt)
-    }
-    return "rad" if kinds[joint] == int(mujoco.mjtJoint.mjJNT_HINGE) else "m"
+    kinds = {m.joint(i).name: m.jnt_type[i] for _, m in pairs for i in range(m.njnt)}
+    return "rad" if kinds[joint] == mujoco.mjtJoint.mjJNT_HINGE else "m"
 
 
 def index_of(model: mujoco.MjModel, actuator: str) -> int | None:
     """Return the index of the actuator that drives a joint, or None."""
-    names = [model.actuator(i).name for i in range(model.nu)]
-    if actuator not in names:
-        return None
-    index = names.index(actuator)
-    joint = model.actuator_trntype[index] == mujoco.mjtTrn.mjTRN_JOINT
-    return index if joint else None
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, actuator)
+    on_joint = index >= 0 and model.actuator_trntype[index] == mujoco.mjtTrn.mjTRN_JOINT
+    return index if on_joint else None
 
 
 def name_of(log: Log) -> str:

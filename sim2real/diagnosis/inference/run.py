@@ -40,7 +40,7 @@ class About(NamedTuple):
         fixed: effects that are in the model.
         rng: for all intervals.
         moving: receives what is being tried.
-        work: counts what is simulated, by stage.
+        work: counts what is simulated.
         restart: returns the windows whose starts were estimated with some effects in the model;
             None: starts are known. Where it is given, logs are taken as they are: an estimate was
             made of them.
@@ -70,13 +70,12 @@ def find_causes(about: About) -> Causes:
     Raises:
         Sim2RealError: a model that cannot follow the logs.
     """
-    with about.work.during("judging"):
-        baseline, judgement = _judge(about, about.data)
-        found = effects_of(judgement.best)
-        if about.restart is not None and found:
-            data = about.restart(merge_effects(about.fixed, found))
-            baseline, judgement = _judge(about, data)
-        made = make_conclusion(judgement, baseline, about.rng)
+    baseline, judgement = _judge(about, about.data)
+    found = effects_of(judgement.best)
+    if about.restart is not None and found:
+        data = about.restart(merge_effects(about.fixed, found))
+        baseline, judgement = _judge(about, data)
+    made = make_conclusion(judgement, baseline, about.rng)
     return Causes(judgement.judge.data, baseline, judgement, made)
 
 

@@ -136,5 +136,5 @@ def test_settings_reach_the_stages(tmp_path: Path) -> None:
         chosen = Settings(bootstrap=settings.Bootstrap(block_s=seconds))
         data = Data.of([log], tmp_path / "arm.xml", chosen)
         assert data.settings is chosen
-        blocks.append(len(np.unique(data.blocks())))
+        blocks.append(len(np.unique(data.blocks(0.0))))
     assert blocks[1] > 2 * blocks[0]
