@@ -21,7 +21,7 @@ from hardware.errors import HardwareError
 from hardware.log import Log
 from sim2real.diagnosis.contract import answer as contract
 from sim2real.diagnosis.contract.check import check_contract
-from sim2real.diagnosis.contract.description import READY, Description, read_description
+from sim2real.diagnosis.contract.description import READY, read_description
 from sim2real.diagnosis.contract.terms import ContractError
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, Settings
@@ -191,7 +191,7 @@ def _check(
     about = read_description(source, *driven(logs[0]))
     normalizer = None
     if policy is not None:
-        _refuse_size(policy, about, place)
+        about.check_size(str(place), "the policy takes", policy.size)
         normalizer = policy.normalizer
     answer = check_contract(logs, about, policy, normalizer, settings, place)
     if unread:
@@ -213,14 +213,6 @@ def _policy(
         if actor is not None:
             raise
         return None, None, f"the logs name a policy, and no action was computed again: {error}"
-
-
-def _refuse_size(policy: Policy, about: Description, place: str | Path | None) -> None:
-    if policy.size not in (None, about.size):
-        raise ContractError(
-            f"{place}: the policy takes {policy.size} numbers, but {about.name} describes "
-            f"{about.size}: {about.says_sizes()}; correct the description's terms"
-        )
 
 
 def _as_finding(found: contract.Finding, log: Log) -> Finding:
