@@ -285,9 +285,7 @@ def _measured(change: float, limit: float | None) -> Change:
 
 
 def _values(watch: Watch) -> tuple[Value, ...]:
-    fixed = [(effect, effect.where, values) for effect, values in watch.fixed]
-    both = [*fixed, *((m.effect, m.place, values) for m, values in watch.pairs)]
-    return tuple(Value(e.name, w, e.side, float(values[0]), e.unit) for e, w, values in both)
+    return tuple(Value(e.name, w, e.side, float(values[0]), e.unit) for e, w, values in watch.both)
 
 
 def _read(logs: Logs, what: str) -> list[Log]:

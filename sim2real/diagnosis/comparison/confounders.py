@@ -14,11 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim2real.diagnosis.comparison.alike import FIELDS
 from sim2real.diagnosis.comparison.answer import Confounder
 from sim2real.diagnosis.comparison.permuted import Prior
 from sim2real.diagnosis.comparison.prepared import Prepared
-from sim2real.diagnosis.comparison.response import Column
+from sim2real.diagnosis.comparison.response import FRICTION, Column
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.settings import TINY, Compared
 
@@ -119,7 +118,7 @@ def _least(
         whole[place] = whole.get(place, 0.0) + size
     mean = float(np.mean(list(whole.values()))) if whole else 0.0
     for k, column in enumerate(columns):
-        if column.option.name in FIELDS:
+        if column.option.name in FRICTION:
             own = mean if column.option.shared else whole.get(column.option.place, 0.0)
             least[k] = limits.unequal * warmer * own
         elif column.option.name in DRIVES:
@@ -135,10 +134,11 @@ def _per_kelvin(
     What of the friction is dry and what is viscous, few motions tell: either may lose a share of
     both, as if they were equal at 1 rad/s (or 1 m/s).
     """
-    if columns[column].option.name not in FIELDS:
+    if columns[column].option.name not in FRICTION:
         return limits.warm_strength
     every = [
-        [size for k, size in friction.items() if columns[k].option.name == name] for name in FIELDS
+        [size for k, size in friction.items() if columns[k].option.name == name]
+        for name in FRICTION
     ]
     return limits.warm_friction * sum(float(np.mean(own)) for own in every if own)
 
