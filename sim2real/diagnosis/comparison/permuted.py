@@ -1,6 +1,6 @@
 """Tests of many columns at once against permutations of before and after.
 
-    tests = Permuted(pieces, rng, draws).of(columns, nuisance)
+    tests = Permuted(pieces, rng, draws).of(columns, nuisance, alpha, prior)
     tests.value, tests.spread, tests.p             # of each column, (n,)
 
 Each column is fitted together with the same few others (`nuisance`); its t uses the spread over
@@ -88,11 +88,7 @@ class Permuted:
             self.weights = [sides.astype(float), 1.0 - sides]
 
     def of(
-        self,
-        columns: Sequence[int],
-        nuisance: Sequence[int],
-        alpha: float,
-        prior: Prior | None = None,
+        self, columns: Sequence[int], nuisance: Sequence[int], alpha: float, prior: Prior
     ) -> Tests:
         """Test columns, each together with the same others.
 
@@ -100,18 +96,15 @@ class Permuted:
             columns: n numbers.
             nuisance: those of the others.
             alpha: probability of any false alarm.
-            prior: what is known of the others; None: nothing.
+            prior: what is known of the others.
         """
         every = [[column, *(b for b in nuisance if b != column)] for column in columns]
         fits = [self._one(np.array(use)) for use in every]
         t = np.array([fit.t for fit in fits])  # (n, 1 + D)
-        free = np.array([1 / fit.inverse[0, 0] for fit in fits])
-        largest = np.abs(np.where(free[:, None] > 0, t, 0.0)).max(axis=0)[1:]  # (D,)
+        largest = np.abs(t[:, 1:]).max(axis=0)  # (D,)
         p = (1 + (largest >= np.abs(t[:, :1]) - RIDGE).sum(axis=1)) / (1 + len(largest))
-        count = self.pieces.curve.shape[1]
-        known = prior or Prior(np.zeros(count), np.full(count, np.inf))
         noise = float(np.median([fit.inflation for fit in fits]))
-        rows = np.array([self._row(f, u, noise, known) for f, u in zip(fits, every, strict=True)])
+        rows = np.array([self._row(f, u, noise, prior) for f, u in zip(fits, every, strict=True)])
         critical = float(np.quantile(largest, 1 - alpha))
         return Tests(tuple(columns), critical, p, *rows.T)
 
