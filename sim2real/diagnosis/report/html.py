@@ -19,7 +19,7 @@ from markupsafe import Markup
 from envs.effects import EFFECTS
 from envs.models import load_spec
 from sim2real.diagnosis.evidence import Trace
-from sim2real.diagnosis.preflight.channels import NOTES
+from sim2real.diagnosis.preflight.checks import NOTES
 from sim2real.diagnosis.report import (
     charts,
     closed_loop,
