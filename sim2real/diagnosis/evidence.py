@@ -85,11 +85,7 @@ class Rung:
 
 @dataclass(frozen=True)
 class SingleFit:
-    """One effect alone: its value and the share of the closable gap that it closes.
-
-    `ci` is that share's 90 % interval; None where the effect was not fitted but only screened: then
-    value and share are estimates.
-    """
+    """One effect alone: its value, and the share of the closable gap that it closes."""
 
     effect: str
     where: str | None
@@ -97,7 +93,7 @@ class SingleFit:
     value: float
     unit: str
     closed: float
-    ci: Pair | None
+    ci: Pair  # its 90 % interval
 
 
 @dataclass(frozen=True)
@@ -138,8 +134,7 @@ class Evidence:
     Args:
         traces: every joint of every episode.
         ladder: before, after each effect that was added, all together; the last one is the floor.
-        singles: every effect alone: the causes in their order, then those that were fitted, then
-            those that were screened, best first.
+        singles: every effect that was fitted alone, the best first.
         bands: joint by joint, low frequencies first.
         inputs: names of logs and models, seed, versions, how the data was divided.
         settings: every number that steered the answer.

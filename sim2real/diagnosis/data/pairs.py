@@ -70,9 +70,9 @@ def commands_of(pairs: Pairs, actuator: str) -> Iterator[tuple[Log, mujoco.MjMod
             yield log, model, *driven
 
 
-def name_of(log: Log) -> str:
-    """Return the name of a log's file."""
-    return log.path.name if log.path else "the log"
+def name_of(log: Log, otherwise: str = "the log") -> str:
+    """Return the name of a log's file; of one in memory what it is called otherwise."""
+    return log.path.name if log.path else otherwise
 
 
 def which(found: Sequence[tuple], pairs: Pairs) -> str:
