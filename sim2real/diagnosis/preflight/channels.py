@@ -179,8 +179,10 @@ def _ranges(model: mujoco.MjModel) -> dict[str, float]:
         if model.jnt_type[i] == hinge and model.jnt_limited[i]:
             found[model.joint(i).name] = float(np.abs(model.jnt_range[i]).max())
     for i in range(model.nu):
+        if not is_joint_servo(model, i):
+            continue
         joint = model.joint(int(model.actuator_trnid[i, 0]))
-        if is_joint_servo(model, i) and joint.type[0] == hinge:
+        if joint.type[0] == hinge:
             limited = bool(model.actuator_ctrllimited[i])
             reach = float(np.abs(model.actuator_ctrlrange[i]).max()) if limited else TURN
             found.setdefault(joint.name, reach)
