@@ -124,7 +124,7 @@ class ObservationDelay(Effect):
     place = "robot"
     unit = "s"
     extras = (
-        Extra("longest", "s", 0.1, 1e-4, 10.0, "the longest delay that a parameter may have"),
+        Extra("longest", "s", 0.1, 1e-4, 10.0, "the longest delay that can be set"),
     )
     typical = (0.0, 0.04)
     no_mjcf = READ
