@@ -16,7 +16,7 @@ from envs.effects.places import find
 from envs.effects.plant_view import PlantView
 from envs.errors import EffectError
 
-BOARD = "a photograph of a calibration board by the robot's camera, against a rendered image"
+BOARD = "photograph a calibration board with the robot's camera; compare with a rendered image"
 UNPAINTED = np.array([0.5, 0.5, 0.5, 1.0])  # a geom of this colour shows its material's
 
 

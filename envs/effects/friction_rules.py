@@ -265,7 +265,7 @@ class _OneWay(_FrictionRule):
 class AsymmetricFriction(_RuledFriction):
     """Additional dry friction in one direction: for positive speeds if the value is positive.
 
-    It acts as friction value / 2 in both directions and a constant torque -value / 2, so a
+    It acts as a friction of value / 2 in both directions and a constant torque of -value / 2, so a
     preloaded spring looks the same. `rise` is the fraction of the value by which the mean friction
     rises.
     """

@@ -27,8 +27,9 @@ class _Hysteresis(Spring):
 class HystereticCompliance(SeriesEffect):
     """A spring between motor and link with dry friction parallel to it.
 
-    Loading and unloading differ: a cycle costs 4 `friction` times its amplitude at any speed.
-    `side` is the location of the servo's encoder, `encoder` that of the log's if it differs.
+    Loading and unloading differ: a cycle dissipates 4 * `friction` * amplitude at any speed.
+    `side` is the location of the servo's encoder, `encoder` that of the logged encoder if it
+    differs.
     """
 
     name = "hysteretic_compliance"

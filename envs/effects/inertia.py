@@ -309,7 +309,7 @@ class GravityTilt(Effect):
     sizes = Sizes("tilt", "one", 5e-3, 0.5)
     symptom = "constant errors that depend on the pose, as if gravity came from the side"
     source = "rotated gravity; tables are tilted by 1 to 5 degrees"
-    experiment = "the same holds with the base turned by 180 degrees about the vertical"
+    experiment = "hold the same poses with the base turned by 180 degrees about the vertical"
     # a small turn about an axis along which gravity stays across the joints shows nothing
     first_values = ((0.06, 0.0), (-0.06, 0.0), (0.0, 0.06), (0.0, -0.06), (0.4, 0.0), (0.0, 0.4))
     group = PLAIN

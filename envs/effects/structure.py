@@ -287,7 +287,8 @@ class _Play(Series):
 class Backlash(SeriesEffect):
     """Play: the link moves freely within ± value / 2 of the motor's angle.
 
-    `side` is the location of the servo's encoder, `encoder` that of the log's if it differs.
+    `side` is the location of the servo's encoder, `encoder` that of the logged encoder if it
+    differs.
     """
 
     name = "backlash"
@@ -305,7 +306,7 @@ class Backlash(SeriesEffect):
     source = (
         "a hinge with limits in series; Dynamixel X: 15 arcmin (e-manual), SO-101 models: 1 degree"
     )
-    experiment = "slow reversals: the gap does not depend on the load, and a preload removes it"
+    experiment = "slow reversals: the lag does not depend on the load, and a preload removes it"
     first_values = (0.004, 0.015, 0.05, 0.15)
 
     def shape(self, joint: Any, timestep: float) -> None:
@@ -347,8 +348,8 @@ class Spring(Series):
 class JointCompliance(SeriesEffect):
     """A spring between motor and link: deflection = torque * value.
 
-    `side` is the location of the servo's encoder, `encoder` that of the log's if it differs.
-    Springs that are too stiff for the time step act as the stiffest possible one.
+    `side` is the location of the servo's encoder, `encoder` that of the logged encoder if it
+    differs. Springs that are too stiff for the time step act as the stiffest possible one.
     """
 
     name = "joint_compliance"

@@ -189,7 +189,7 @@ class SupplySag(Effect):
     sizes = Sizes("add", "winding", 0.01, 2.0)
     symptom = "all joints weaken together while any of them is heavily loaded"
     source = (
-        "V = V0 - Rs * sum I; 5.7 to 9.2 V measured around 7.4 V on an XL330 bench"
+        "V = V0 - Rs * sum I; 5.7 to 9.2 V measured at a nominal 7.4 V on an XL330 bench"
         " (Rhoban's BAM logs)"
     )
     experiment = "one joint holds a load while another makes steps; log the voltage"

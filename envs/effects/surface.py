@@ -55,7 +55,7 @@ class SurfaceFriction(_SurfaceEffect, FieldEffect):
     typical = (0.5, 1.5)
     symptom = "objects on it slip more, or less, easily"
     source = "MuJoCo documentation, Computation, contact parameters: priority"
-    experiment = "tilt it until an object on it slides"
+    experiment = "tilt the surface until an object on it slides"
 
     def elements(self, model: mujoco.MjModel) -> tuple[Any, ...]:
         """Return the sliding coefficients of the geoms."""
