@@ -134,7 +134,8 @@ class Judge:
             if not self.search.refine(best, starts, tried):
                 break
             before, best = best, self.choose(tried)
-            if best is before or self.is_enough(best):
+            longer = len(best.hypothesis.members) > len(before.hypothesis.members)
+            if not longer or self.is_enough(best):
                 break
         return self._conclude(tried)
 

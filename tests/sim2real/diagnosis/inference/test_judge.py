@@ -1,5 +1,6 @@
 """The judge on the arm of the tests: mistakes of the log, effects of the robot, nothing at all."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -139,3 +140,28 @@ def test_where_no_slope_promises_anything_every_change_is_fitted(
     starts = vocabulary.list_starts(judge.replay_errors(judge.given), list(arm.JOINTS))
     assert search.refine(judge.given, starts, {})
     assert asked[0] == (len(PROPOSED) if every else 2)
+
+
+def test_the_search_ends_where_no_longer_explanation_wins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whichever of two equals is the best for the moment: it looks again at longer ones only."""
+    data = arm.data_of(arm.make_log(FRICTION, noise=NOISE), tmp_path)
+    judge, vocabulary = Judge(data), Vocabulary(data, only=PROPOSED)
+    refined, chosen = [], itertools.cycle("ab")
+    monkeypatch.setattr(judge, "is_enough", lambda fit: False)
+    own = judge.search.refine
+
+    def refine(best: Fit, starts: Sequence[Start], tried: dict[str, Fit]) -> bool:
+        refined.append(best.label)
+        return own(best, starts, tried)
+
+    def choose(tried: dict[str, Fit]) -> Fit:
+        singles = [fit for fit in tried.values() if len(fit.hypothesis.members) == 1]
+        return singles[next(chosen) == "a"]
+
+    monkeypatch.setattr(judge.search, "refine", refine)
+    monkeypatch.setattr(judge, "choose", choose)
+    monkeypatch.setattr(judge, "_conclude", lambda tried: None)
+    judge.judge(vocabulary)
+    assert len(refined) == 2 and refined[0] == judge.given.label
