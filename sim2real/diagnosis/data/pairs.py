@@ -19,6 +19,11 @@ def is_scalar(model: mujoco.MjModel, joint: int) -> bool:
     return int(model.jnt_type[joint]) in SCALAR
 
 
+def scalars(log: Log) -> list[str]:
+    """Return the logged hinges and slides."""
+    return [name for name in log.joints if f"qpos.{name}" in log.columns]
+
+
 def carriers(model: mujoco.MjModel, body: int) -> list[int]:
     """Return a body and those that carry it, but the world."""
     found = []
@@ -37,10 +42,8 @@ def joints_of(pairs: Pairs) -> list[str]:
 
 def unit_of(pairs: Pairs, joint: str) -> str:
     """Return rad for a hinge, m for a slide."""
-    kinds = {
-        model.joint(i).name: int(model.jnt_type[i]) for _, model in pairs for i in range(model.njnt)
-    }
-    return "rad" if kinds[joint] == int(mujoco.mjtJoint.mjJNT_HINGE) else "m"
+    kinds = {m.joint(i).name: m.jnt_type[i] for _, m in pairs for i in range(m.njnt)}
+    return "rad" if kinds[joint] == mujoco.mjtJoint.mjJNT_HINGE else "m"
 
 
 def actuators_of(pairs: Pairs) -> list[str]:
