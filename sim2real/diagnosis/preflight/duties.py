@@ -73,8 +73,7 @@ def _duty_gain(log: Log, actuator: str, joint: str, settings: Settings) -> float
         law = np.linalg.lstsq(table, y, rcond=None)[0]
         fits.append((float(np.sum((y - table @ law) ** 2)), law))
     rest, (command, position, _) = min(fits, key=lambda fit: fit[0])
-    unexplained = 1 - limits.share
-    if rest > unexplained * np.sum((y - y.mean()) ** 2) or 0 in (command, position):
+    if rest > limits.law_residual * np.sum((y - y.mean()) ** 2) or 0 in (command, position):
         return None
     low, high = limits.ratio
     return float(command) if low < -position / command < high else None

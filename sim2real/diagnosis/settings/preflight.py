@@ -123,6 +123,9 @@ class Preflight:
         "unexplained if the torque was computed, not measured",
         JUDGED,
     )
+    law_residual: float = setting(
+        0.03, "1", "largest fraction of the duty's variance that is left unexplained", DEVELOPED
+    )
     follows: float = setting(
         0.8,
         "1",
