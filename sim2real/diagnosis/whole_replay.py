@@ -12,7 +12,7 @@ from dataclasses import replace
 from envs.plant import Fixed
 from sim2real.diagnosis.data.replay import Gap, measure_all, summary
 from sim2real.diagnosis.outcome import Diagnosis
-from sim2real.diagnosis.preflight.hunting import hunts_alone, tell_simulated
+from sim2real.diagnosis.preflight.hunting import tell_simulated
 from sim2real.diagnosis.prepare import PreparedLogs
 from sim2real.diagnosis.schema import Verdict, WholeReplay
 from sim2real.diagnosis.settings import DEFAULT, Hunting
@@ -40,12 +40,12 @@ def replayed(
         models.append(("with the causes", _gaps(prepared, found.effects)))
     rmse = [float(summary(gaps)["rmse"]) if gaps else None for _, gaps in models]
     replay = WholeReplay(rmse[0], rmse[1] if len(rmse) > 1 else None)
-    report, last = found.report, models[-1][1]
-    alone = bool(last) and hunts_alone(report.preflight, driven, last, settings)
-    verdict = LESS.get(report.verdict, report.verdict) if alone else report.verdict
-    run = [(name, gaps) for name, gaps in models if gaps]
-    checked = tuple(tell_simulated(report.preflight, driven, run, settings))
-    return found._replace(report=replace(report, replay=replay, preflight=checked, verdict=verdict))
+    report, run = found.report, [(name, gaps) for name, gaps in models if gaps]
+    checked, alone = tell_simulated(report.preflight, driven, run, settings)
+    less = alone and models[-1][1]
+    verdict = LESS.get(report.verdict, report.verdict) if less else report.verdict
+    report = replace(report, replay=replay, preflight=tuple(checked), verdict=verdict)
+    return found._replace(report=report)
 
 
 def _gaps(prepared: PreparedLogs, effects: Sequence[Fixed]) -> list[Gap]:

@@ -42,18 +42,18 @@ def check_clocks(logs: Sequence[Log], settings: Settings = DEFAULT) -> Iterator[
 
 def _drift(log: Log, joint: str, limits: Preflight) -> Finding | None:
     """Return a finding where the clock of a joint's stamps drifts."""
-    length = max(float(np.ptp(part.time)) for part in log.episodes())
-    if f"stamp.{joint}" not in log.columns or length < limits.drift_s:
+    if f"stamp.{joint}" not in log.columns:
         return None
     ppm, error = stamp_drift(log, joint)
-    if abs(ppm) <= max(limits.drift_ppm, limits.sigmas * error):
+    ahead = PPM * abs(ppm) * max(float(np.ptp(part.time)) for part in log.episodes())
+    if ahead < limits.offset_s or abs(ppm) <= limits.sigmas * error:
         return None
     return Finding(
         "drift",
         joint,
         f"The clock that stamps {joint} runs {abs(ppm):.0f} ppm (± {2 * error:.0f}) "
         f"{'fast' if ppm > 0 else 'slow'} against the commands': "
-        f"{PPM * abs(ppm) * length / MILLI:.1f} ms over the log.",
+        f"{ahead / MILLI:.1f} ms over the log.",
         f"Divide its stamps by {1 + PPM * ppm:.6f}, or log both on one clock.",
     )
 

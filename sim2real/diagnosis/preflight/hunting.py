@@ -1,7 +1,7 @@
 """Moments at which a servo's loop hunts: its joint swings to and fro while no command does.
 
     logs, found = mark_hunting(logs, driven)    # rows get `flag.hunting`; a finding for each joint
-    tell_simulated(found, driven, [("as given", measure_all(logs, specs))])  # does the model hunt?
+    tell_simulated(found, driven, [("As given", measure_all(logs, specs))])  # does the model hunt?
 
 A loop that has become unstable swings until something bounds it: play, dry friction, the motor's
 limit. How it begins says what made it unstable, and a simulation can follow that. Later the phase
@@ -74,7 +74,7 @@ def tell_simulated(
     driven: Mapping[str, str],
     models: Sequence[tuple[str, Sequence[Gap]]],
     settings: Limits = DEFAULT.hunting,
-) -> list[Finding]:
+) -> tuple[list[Finding], bool]:
     """Return findings that also say whether models hunt where the robot does.
 
     Args:
@@ -82,6 +82,10 @@ def tell_simulated(
         driven: the joint that each actuator drives.
         models: what each is called, and all logs replayed in it.
         settings: what counts as hunting.
+
+    Returns:
+        The findings, and whether the robot hunts and the last model at none of its joints: what
+        makes a robot hunt is missing in such a model, however near its first swings are.
     """
     seen = [(name, _simulated(findings, driven, gaps, settings)) for name, gaps in models]
     completed = []
@@ -90,21 +94,8 @@ def tell_simulated(
             words = [f"{name}, the simulator {_words(own[finding.where])}" for name, own in seen]
             finding = replace(finding, finding=f"{finding.finding} {'; '.join(words)}.")
         completed.append(finding)
-    return completed
-
-
-def hunts_alone(
-    findings: Sequence[Finding],
-    driven: Mapping[str, str],
-    gaps: Sequence[Gap],
-    settings: Limits = DEFAULT.hunting,
-) -> bool:
-    """Return whether the robot hunts, and a model at none of the joints at which it does.
-
-    What makes a robot hunt is missing in such a model, however near its first swings are.
-    """
-    seen = _simulated(findings, driven, gaps, settings)
-    return bool(seen) and not any(seen.values())
+    last = seen[-1][1] if seen else {}
+    return completed, bool(last) and not any(last.values())
 
 
 def _simulated(

@@ -103,7 +103,7 @@ def _windows(
         size = np.sqrt((here @ here) * np.square(others).sum(axis=1))
         scores = others @ here / np.maximum(size, TINY_SQUARE)
         best = int(np.argmax(scores))
-        if scores[best] > limits.lag_alike and 0 < best < 2 * reach:
+        if scores[best] > limits.share and 0 < best < 2 * reach:
             shift = best - reach + _vertex(*scores[best - 1 : best + 2])
             yield float(clock[first] + seconds / 2), float(shift * dt)
 

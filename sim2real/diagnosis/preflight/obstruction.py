@@ -64,32 +64,31 @@ def mark_blocked(
 
 
 def _held(logs: Sequence[Log], servo: tuple[str, str], settings: Settings) -> list[np.ndarray]:
-    """Return the rows of each log in which a joint is held by something else, (T,) bool."""
-    (actuator, joint), limits = servo, settings.obstruction
-    none = [np.zeros(len(log), bool) for log in logs]
+    """Return the rows of each log, (T,) bool, in which a joint is held by something else.
+
+    None of any log where currents or positions are missing, or the joint hardly rests.
+    """
+    columns, limits = {f"ctrl.{servo[0]}", f"qpos.{servo[1]}"}, settings.obstruction
     currents = [c for log in logs if (c := _current(log, servo)) is not None]
-    if len(currents) < len(logs) or not all(
-        {f"ctrl.{actuator}", f"qpos.{joint}"} <= log.columns.keys() for log in logs
-    ):
-        return none
+    if len(currents) < len(logs) or not all(columns <= log.columns.keys() for log in logs):
+        return []
     errors = [_error(log, servo) for log in logs]
     rests = [_resting(log, servo, limits) for log in logs]
     every = np.concatenate(rests)
     if every.sum() < settings.preflight.rows_min:
-        return none
+        return []
     current, error = (
         float(np.quantile(np.concatenate(parts)[every], 1 - 2 * settings.inference.level))
         for parts in (currents, errors)
     )
     if min(current, error) <= 0:
-        return none
+        return []
     far = limits.error * (error + limits.still)  # a joint that rests may be off by that
-    held = [
-        rest & (own > limits.current * current) & (off > far)
-        for rest, own, off in zip(rests, currents, errors, strict=True)
-    ]
-    long = [_seconds(*pair) >= 2 * limits.rest_s for pair in zip(logs, held, strict=True)]
-    return [rows & enough for rows, enough in zip(held, long, strict=True)]
+    held = []
+    for log, rest, own, off in zip(logs, rests, currents, errors, strict=True):
+        rows = rest & (own > limits.current * current) & (off > far)
+        held.append(rows & (_seconds(log, rows) >= 2 * limits.rest_s))
+    return held
 
 
 def _error(log: Log, servo: tuple[str, str]) -> np.ndarray:

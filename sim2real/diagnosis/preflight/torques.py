@@ -9,12 +9,11 @@ did, and no residual of it is shown. A measured one has noise of its own, which 
 
 from collections.abc import Iterator
 
-import mujoco
 import numpy as np
 
 from hardware.formats.names import IMPEDANCE_KINDS
 from hardware.log import Log
-from sim2real.diagnosis.data.pairs import Pairs, driven_by
+from sim2real.diagnosis.data.pairs import Pairs, actuators_of, commands_of
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, TINY, Preflight, Settings
 
@@ -36,35 +35,31 @@ def check_torques(pairs: Pairs, settings: Settings = DEFAULT) -> Iterator[Findin
 
 def computed_torques(pairs: Pairs, settings: Preflight = DEFAULT.preflight) -> dict[str, str]:
     """Return the column of each actuator's torque that was computed in every log that has it."""
-    found: dict[str, list[tuple[str, bool]]] = {}
-    for log, model in pairs:
-        for name in log.actuators:
-            column = torque_column(log, name)
-            if column is not None:
-                own = _is_law(log, model, name, column, settings)
-                found.setdefault(name, []).append((column, own))
-    return {name: own[0][0] for name, own in found.items() if all(law for _, law in own)}
+    found = {}
+    for name in actuators_of(pairs):
+        logs = [(log, joint, _column(log, name)) for log, _, _, joint in commands_of(pairs, name)]
+        own = [(log, joint, column) for log, joint, column in logs if column is not None]
+        if own and all(_is_law(name, settings, *one) for one in own):
+            found[name] = own[0][2]
+    return found
 
 
-def torque_column(log: Log, actuator: str) -> str | None:
+def _column(log: Log, actuator: str) -> str | None:
     """Return the column that calls itself an actuator's torque or current; None: there is none."""
     names = [f"current.{actuator}"]
     names += [f"sensor.{kind}{sign}{actuator}" for kind in MEASURED for sign in "_."]
     return next((name for name in names if name in log.columns), None)
 
 
-def _is_law(
-    log: Log, model: mujoco.MjModel, actuator: str, column: str, settings: Preflight
-) -> bool:
+def _is_law(actuator: str, settings: Preflight, log: Log, joint: str, column: str) -> bool:
     """Return whether command, position and speed of the same rows leave nothing of a column."""
-    driven, wanted = driven_by(model, actuator), log.column(column)
-    empty = len(log) < settings.rows_min or np.ptp(wanted) < TINY
-    if driven is None or empty or wanted.min() >= 0:
+    wanted = log.column(column)
+    if wanted.min() >= 0 or np.ptp(wanted) < TINY or len(log) < settings.rows_min:
         return False
     free = np.abs(wanted) < np.abs(wanted).max() * settings.saturated
-    ctrl, q = log.column(f"ctrl.{actuator}"), log.column(f"qpos.{driven[1]}")
-    slopes = [np.gradient(p.column(f"qpos.{driven[1]}"), p.time) for p in log.episodes()]
-    speed = log.columns.get(f"qvel.{driven[1]}", np.concatenate(slopes))
+    ctrl, q = log.column(f"ctrl.{actuator}"), log.column(f"qpos.{joint}")
+    slopes = [np.gradient(part.column(f"qpos.{joint}"), part.time) for part in log.episodes()]
+    speed = log.columns.get(f"qvel.{joint}", np.concatenate(slopes))
     none = np.zeros(len(log))
     kp, kd, wish, ahead = (log.columns.get(f"{k}.{actuator}", none) for k in IMPEDANCE_KINDS)
     terms = [ctrl, q, speed]
@@ -81,7 +76,7 @@ def measured_torques(pairs: Pairs, settings: Preflight = DEFAULT.preflight) -> d
     computed, found = computed_torques(pairs, settings), {}
     for log, _ in pairs:
         for name in log.actuators:
-            column = torque_column(log, name)
+            column = _column(log, name)
             if column is not None and name not in computed and log.column(column).min() < 0:
                 found.setdefault(name, column)
     return found

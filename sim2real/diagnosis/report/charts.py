@@ -15,7 +15,7 @@ from sim2real.diagnosis.report import axes, svg, text
 from sim2real.diagnosis.schema import Report
 from sim2real.diagnosis.settings import TINY
 
-SIZES = ("before", "after", "floor")  # of a band, and their colours
+SIZES = ("before", "after", "floor")  # of a band, of every ladder, and their colours
 
 
 def ladder(report: Report) -> dict[str, Any] | None:
@@ -23,7 +23,7 @@ def ladder(report: Report) -> dict[str, Any] | None:
     rungs, gap = report.evidence.ladder, report.gap
     if not rungs:
         return None
-    kinds = ["before", *["step"] * (len(rungs) - 3), "after"][: len(rungs) - 1]
+    kinds = ["before", *["step"] * (len(rungs) - len(SIZES)), "after"][: len(rungs) - 1]
     sizes = [size for rung in rungs for size in (rung.gap, *rung.ci)]
     factor, unit = text.scaling(gap.unit, gap.before)
     scale, rows = axes.scale_for(sizes, gap.noise_floor, factor), []

@@ -15,6 +15,7 @@ from hardware.log import Log
 from sim2real.diagnosis.data.pairs import name_of
 from sim2real.diagnosis.settings import Row
 
+MILLI = 1e-3
 HASH, HASHES = 12, 3  # digits of a hash next to the verdict, and how many hashes are shown
 
 
@@ -85,7 +86,7 @@ def link_rows(inputs: Mapping[str, Any]) -> list[dict[str, Any]]:
     rows = []
     for name, quality in inputs.get("link", {}).items():
         period = quality["period"]
-        times = [f"{1e3 * period[f'p{p}']:.1f}" if period else "–" for p in PERCENTILES]
+        times = [f"{period[f'p{p}'] / MILLI:.1f}" if period else "–" for p in PERCENTILES]
         score = quality.get("score")
         common = {
             "log": Path(name).name,

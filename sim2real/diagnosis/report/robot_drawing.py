@@ -35,6 +35,7 @@ SMALLEST = 1e-6  # m: a robot is drawn as if it were at least so large
 PALE, DARK, BEND = 0.15, 0.85, 0.7  # tint of no share, what the whole gap adds, and the exponent
 TINT_DIGITS = 3
 SPHERE, CAPSULE = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
+MIDDLE = np.zeros((1, 3))  # of a sphere
 PLANES = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 
 
@@ -93,7 +94,7 @@ def outlines(model: mujoco.MjModel) -> Iterator[tuple[int, np.ndarray, float]]:
             continue
         turn = Rotation.from_quat(model.geom_quat[i], scalar_first=True)
         if kind == SPHERE:
-            points, radius = np.zeros((1, 3)), float(size[0])
+            points, radius = MIDDLE, float(size[0])
         elif kind == CAPSULE:
             points, radius = np.outer([-size[1], size[1]], (0, 0, 1)), float(size[0])
         else:

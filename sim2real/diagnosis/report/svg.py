@@ -101,11 +101,12 @@ def window(piece: Piece, title: str) -> Markup:
     x = Linear(piece.start, piece.end, LEFT, WIDTH - EDGE)
     upper = Linear(*_limits([*values.values()]), TOP + MAIN, TOP)
     base = TOP + MAIN + GAP
-    lower = _errors([*errors.values()], 2 * floor * scale, base)
+    band = 2 * floor * scale
+    lower = _errors([*errors.values()], band, base)
     runs = _runs(trace, index)
     parts = [_restarts(piece, x, base + ERROR)]
     parts += [_frame(x, upper, labels=False), _frame(x, lower, labels=True)]
-    flat = np.full(2, 2 * floor * scale)
+    flat = np.array([band, band])
     parts.append(_band(x(np.array(piece[1:])), lower(-flat), lower(flat)))
     parts.append(_line(x(time), upper(values["measured"]), "measured"))
     for line in names[1:]:

@@ -27,6 +27,7 @@ COLOURS = {
     "unexplained": RED,
 }
 HEAD = ("effect", "at", "value", "90 % interval", "confidence", "closes")
+NUMBERS = (2, 4, 5)  # columns of numbers
 GUTTER = 2  # spaces between columns
 INDENT = "  "
 
@@ -43,7 +44,7 @@ def format_verdict(report: Report, coloured: bool = False) -> str:
     lines = [f"{verdict}. {verdict_sentence(report)}", ""]
     lines += [INDENT + line for line in align(list(_gap(report)), right=(1,))]
     if report.values:
-        head, *rows = align([HEAD, *_rows(report.values)], right=(2, 4, 5))
+        head, *rows = align([HEAD, *_rows(report.values)], NUMBERS)
         lines += ["", *(INDENT + line for line in (f"{bold}{head}{reset}", *rows))]
     return "\n".join(lines) + "\n"
 

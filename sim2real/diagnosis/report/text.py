@@ -12,6 +12,8 @@ from sim2real.diagnosis.schema import Cause, Report
 from sim2real.diagnosis.settings import TINY
 
 SMALL = {"rad": "mrad", "m": "mm", "s": "ms", "N·m": "mN·m", "kg": "g", "V": "mV"}  # thousandths
+PERCENT, THOUSAND = 100.0, 1e3
+COARSE = 0.1  # N·m or kg: below it thousandths are shown, of other units below 1
 DIGITS, LEAST = 3, 1e-3  # of a number, and the smallest that is shown
 PLACES, MOST = 7, 1e6  # decimals, and the size, beyond which a number has an exponent
 HALF, TENTH = 0.005, 0.0005  # shares that round to a percent, and to a tenth of one
@@ -55,9 +57,9 @@ def interval(ends: Sequence[float] | None, unit: str, like: float | None = None)
 def scaling(unit: str, like: float) -> tuple[float, str]:
     """Return what values of a size are multiplied by to be shown, and their unit's name then."""
     if unit == "spread":
-        return 100.0, "%"
-    if unit in SMALL and abs(like) < (0.1 if unit in ("N·m", "kg") else 1.0):
-        return 1e3, SMALL[unit]
+        return PERCENT, "%"
+    if unit in SMALL and abs(like) < (COARSE if unit in ("N·m", "kg") else 1.0):
+        return THOUSAND, SMALL[unit]
     return 1.0, unit
 
 

@@ -36,18 +36,6 @@ class Preflight:
     rate_error: float = setting(
         0.1, "1", "largest relative difference between stated rate and time stamps", JUDGED
     )
-    drift_ppm: float = setting(
-        50.0,
-        "ppm",
-        "smallest clock drift that is reported",
-        "reference: a crystal's tolerance is 20 to 50 ppm",
-    )
-    drift_s: float = setting(
-        20.0,
-        "s",
-        "shortest episode in which clock drift is checked",
-        "derived: 200 ppm are then 4 ms",
-    )
     lost_share: float = setting(
         0.005, "1", "fraction of lost readings above which they are reported", JUDGED
     )
@@ -109,7 +97,11 @@ class Preflight:
         (0.85, 1.18), "1", "two gains, or two speeds, agree if their ratio is in this range", JUDGED
     )
     share: float = setting(
-        0.8, "1", "smallest fraction of the variance that a fitted law must explain", JUDGED
+        0.8,
+        "1",
+        "smallest fraction of the variance that a fitted law must explain, or correlation of "
+        "measured and simulated speed that gives a lag",
+        JUDGED,
     )
     clock: float = setting(
         0.05,
@@ -121,7 +113,7 @@ class Preflight:
     offset_s: float = setting(
         2e-3,
         "s",
-        "smallest reported delay of a measured speed",
+        "smallest reported delay of a measured speed, or drift of a clock within an episode",
         "measured: below it logs of the emulator's own speed registers scatter",
     )
     computed: float = setting(
@@ -154,9 +146,6 @@ class Preflight:
     )
     brief_s: float = setting(
         0.3, "s", "length of the pieces replayed to distinguish position and torque commands", COST
-    )
-    lag_alike: float = setting(
-        0.7, "1", "smallest correlation of measured and simulated speed that gives a lag", JUDGED
     )
     lag_windows: int = setting(
         3, "1", "smallest number of windows before, and after, a jump of the lag", JUDGED

@@ -12,12 +12,7 @@ from sim2real.diagnosis.data.replay import measure_all
 from sim2real.diagnosis.data.trial import choose
 from sim2real.diagnosis.data.windows import HUNTING, hunting_rows
 from sim2real.diagnosis.diagnose import diagnose
-from sim2real.diagnosis.preflight.hunting import (
-    hunting,
-    hunts_alone,
-    mark_hunting,
-    tell_simulated,
-)
+from sim2real.diagnosis.preflight.hunting import hunting, mark_hunting, tell_simulated
 from tests.sim2real.diagnosis import arm
 
 TIME = np.arange(0.0, 10.0, 0.01)
@@ -109,7 +104,7 @@ def test_a_model_is_told_to_hunt_or_not(stiff: None) -> None:
     (gap,) = measure_all([marked], [arm.spec()])
     one = next(f for f in findings if f.where == "b")
     same = gap._replace(simulated=gap.measured)
-    (told,) = tell_simulated([one], DRIVEN, [("As given", [gap]), ("with all", [same])])
+    (told,), _ = tell_simulated([one], DRIVEN, [("As given", [gap]), ("with all", [same])])
     assert (
         "As given, the simulator does not hunt; with all, the simulator hunts for" in told.finding
     )
@@ -144,8 +139,9 @@ def test_a_model_that_does_not_hunt_explains_nothing(stiff: None) -> None:
     log = arm.make_log(SOFT, seconds=16.0, noise=1e-4)
     (marked,), findings = mark_hunting([log], DRIVEN)
     (gap,) = measure_all([marked], [arm.spec()])
-    assert hunts_alone(findings, DRIVEN, [gap])
-    assert not hunts_alone(findings, DRIVEN, [gap._replace(simulated=gap.measured)])
-    assert not hunts_alone([], DRIVEN, [gap])
+    as_given, same = ("", [gap]), ("", [gap._replace(simulated=gap.measured)])
+    assert tell_simulated(findings, DRIVEN, [same, as_given])[1]
+    assert not tell_simulated(findings, DRIVEN, [as_given, same])[1]
+    assert tell_simulated([], DRIVEN, [as_given]) == ([], False)
     floors = noise_floor([marked])
     assert max(floors.values()) < 1e-3 < noise_floor([log])["b"]
