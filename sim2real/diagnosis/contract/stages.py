@@ -25,6 +25,7 @@ Actor = Callable[[np.ndarray], np.ndarray]
 ANGULAR = ("joint_position", "joint_velocity", "gyro", "roll_pitch")
 NORMALIZED = "subtract the mean and divide by the standard deviation {}"
 SAME_DIGITS, FEW_LEVELS = 9, 3  # of a command that rests, fewer levels
+FILTERS = np.arange(1, 10) / 10  # weights of the new value, from 0 to 1
 LIMITED = "flag.limited"  # 1 in rows in which the robot's guard sent something else
 
 
@@ -211,7 +212,7 @@ def check_action(rows: Rows, about: Description, limits: Contract) -> Stage:
         scale = law.scale
         plain = Variant(None, np.clip(done, -law.clip, law.clip), law.offset / scale)
         clipped = _clipped(sent / scale - plain.offset, done, plain, limits)
-    ways = [plain, *clipped, *_smoothed(rows, plain, limits)]
+    ways = [plain, *clipped, *_smoothed(rows, plain)]
     ways += _held(rows, plain, limits, "send a command every control step")
     step = _resolution(sent)
     cut = rows.columns.get(LIMITED, np.zeros(len(rows))) > 0  # the guard's own doing
@@ -280,10 +281,10 @@ def _clipped(
     return ways
 
 
-def _smoothed(rows: Rows, plain: Variant, limits: Contract) -> list[Variant]:
+def _smoothed(rows: Rows, plain: Variant) -> list[Variant]:
     """Return commands that went through a filter of first order."""
     made = []
-    for share in limits.filters:
+    for share in FILTERS:
         text = f"is smoothed: {share:g} of the new value and {1 - share:g} of the last one"
         mistake = Mistake("filter", text, "send the command unfiltered")
         values = rows.smoothed(plain.values, share)
