@@ -81,7 +81,7 @@ def loop(
     """Return the closed loop of a robot that hides effects, in a simulator with others."""
     trained = feedback(task)
     logs = deployed(robot, trained, hidden, seed)
-    return check_closed_loop(logs, PolicySimulator(trained), effects, seed, DEFAULT.closed_loop)
+    return check_closed_loop(logs, PolicySimulator(trained), effects, seed, DEFAULT)
 
 
 def true_effects(hidden: Sequence[Entry]) -> list[Drawn]:

@@ -108,7 +108,7 @@ def played(
         return found
     pairs = zip(found.effects, intervals_of(found), strict=True)
     drawn = [Drawn(*one, ci) for one, ci in pairs]
-    loop = closed_loop_of(logs, load_player, actor, drawn, seed, settings.closed_loop)
+    loop = closed_loop_of(logs, load_player, actor, drawn, seed, settings)
     return found._replace(report=replace(found.report, closed_loop=loop))
 
 

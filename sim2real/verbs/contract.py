@@ -10,7 +10,6 @@ from pathlib import Path
 from hardware.log import read_logs
 from sim2real.diagnosis.contract.answer import Answer
 from sim2real.diagnosis.contract.logged import Policy, check_logs
-from sim2real.diagnosis.contract.page import write_page
 from sim2real.runs.errors import Sim2RealError
 
 log_ = logging.getLogger(__name__)
@@ -44,8 +43,7 @@ def run(
         return load_actor(path)
 
     answer = check_logs(read_logs(log), observation, load_policy, actor)
-    answer.write(Path(out) / "contract.json")
-    write_page(answer, Path(out) / "contract.html")
+    answer.write(Path(out))
     for finding in answer.findings:
         log_.warning("%s: %s; %s", finding.where, finding.text, finding.fix)
     log_.info("the contract %s", answer.verdict.replace("_", " "))

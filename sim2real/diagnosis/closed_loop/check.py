@@ -25,7 +25,7 @@ from hardware.log import Log
 from sim2real.diagnosis.closed_loop.measured import Episode, episodes_of, histories, shared
 from sim2real.diagnosis.contract.logged import place_of
 from sim2real.diagnosis.schema import ClosedLoop, ClosedLoopVerdict, Distance, Estimate, Returns
-from sim2real.diagnosis.settings import ClosedLoopSettings
+from sim2real.diagnosis.settings import ClosedLoopSettings, Settings
 from sim2real.runs.distances import TINY, PooledSamples, standardize
 from sim2real.runs.errors import Sim2RealError
 
@@ -69,7 +69,7 @@ def closed_loop_of(
     actor: str | Path | None,
     effects: Sequence[Drawn],
     seed: int,
-    settings: ClosedLoopSettings,
+    settings: Settings,
 ) -> ClosedLoop | None:
     """Return the check of the policy that wrote logs; None where none did.
 
@@ -109,7 +109,7 @@ def check_closed_loop(
     player: Player,
     effects: Sequence[Drawn],
     seed: int,
-    settings: ClosedLoopSettings,
+    settings: Settings,
 ) -> ClosedLoop:
     """Compare what the robot measured with what the policy meets in both simulators.
 
@@ -123,14 +123,14 @@ def check_closed_loop(
     Raises:
         Sim2RealError: fewer than two episodes, another control rate, or no channel in common.
     """
-    robot = episodes_of(logs)
+    robot, limits = episodes_of(logs), settings.closed_loop
     _refuse(robot, player, settings)
     longest = max(len(next(iter(one.columns.values()))) for one in robot)
     known = not player.needs_tracker or all(TRACKED in log.columns for log in logs)
     worlds = [
         [
             one._replace(columns={name: values[:longest] for name, values in one.columns.items()})
-            for one in player(some, settings.episodes, seed)
+            for one in player(some, limits.episodes, seed)
         ]
         for some in ([(), effects] if effects else [()])
     ]
@@ -139,26 +139,26 @@ def check_closed_loop(
     if not names:
         raise Sim2RealError("the log and the policy's simulator have no channel in common")
     rng = np.random.default_rng(seed)
-    distances = _distances(every, len(robot), names, rng, settings)
+    distances = _distances(every, len(robot), names, rng, limits)
     return ClosedLoop(
         player.name,
         tuple(names),
         len(robot),
-        settings.episodes,
-        _verdict(distances[0], settings),
+        limits.episodes,
+        _verdict(distances[0], limits),
         distances,
-        _returns([robot, *worlds], rng, settings) if known else None,
+        _returns([robot, *worlds], rng, limits) if known else None,
     )
 
 
-def _refuse(robot: Sequence[Episode], player: Player, settings: ClosedLoopSettings) -> None:
+def _refuse(robot: Sequence[Episode], player: Player, settings: Settings) -> None:
     if len(robot) < FEW:
         raise Sim2RealError(
             f"the policy's logs contain {len(robot)} episode; the robot's distance from itself "
             f"needs at least {FEW}: record more episodes of the policy"
         )
     step = float(np.median([one.step for one in robot]))
-    if abs(step / player.step - 1) > settings.rate_error:
+    if abs(step / player.step - 1) > settings.preflight.rate_error:
         raise Sim2RealError(
             f"the log has a row every {step:.4g} s, and the policy {player.name} acts every "
             f"{player.step:.4g} s; give the policy that ran during the recording"
@@ -177,7 +177,7 @@ def _distances(
     real = samples[group < own]
     moved = real.std(axis=0) > TINY
     scaled = standardize(real[:, moved], samples[:, moved])
-    pool = PooledSamples(scaled, group, rng, settings.directions)
+    pool = PooledSamples(scaled, group, rng)
     half, worlds = own // 2, range(own, len(every), settings.episodes)  # where each begins
     rows: dict[str, list[list[float]]] = {"sliced_wasserstein": [], "mmd": []}
     for _ in range(settings.draws):

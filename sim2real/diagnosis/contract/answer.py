@@ -1,4 +1,4 @@
-"""What a check of the policy's interface answers: `contract.json`.
+"""What a check of the policy's interface answers: `contract.json` and `contract.html`.
 
 answer = check_contract(logs, about, actor)
 answer.verdict, [(f.fault, f.where, f.fix) for f in answer.findings], answer.cannot_tell
@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from sim2real.runs.files import write_text
+from sim2real.runs.pages import template
 
 SCHEMA = 1
+PAGE = Path(__file__).parent / "page" / "contract.html"
 Verdict = Literal["holds", "broken", "cannot_tell"]
 EXIT = {"holds": 0, "broken": 3, "cannot_tell": 4}
 
@@ -87,10 +89,12 @@ class Answer:
         """0 where the contract holds, 3 where it is broken, 4 where nothing could be compared."""
         return EXIT[self.verdict]
 
-    def write(self, path: str | Path) -> Path:
-        """Write `contract.json`."""
+    def write(self, folder: Path) -> None:
+        """Write `contract.json`, and `contract.html` for a person, whose names are all escaped."""
         facts = {"schema": SCHEMA, **asdict(self)}
-        return write_text(path, json.dumps(facts, indent=1, ensure_ascii=False) + "\n")
+        text = json.dumps(facts, indent=1, ensure_ascii=False) + "\n"
+        write_text(folder / "contract.json", text)
+        write_text(folder / "contract.html", template(PAGE).render(answer=self))
 
 
 @dataclass

@@ -1,7 +1,7 @@
 """The whole check of a policy's interface.
 
 answer = check_contract(read_logs("logs/"), about, actor)
-answer.write("contract.json")
+answer.write(Path("outputs/mine"))
 """
 
 from collections.abc import Sequence

@@ -25,13 +25,13 @@ from sim2real.diagnosis.contract.rows import Rows
 from sim2real.diagnosis.contract.ways import (
     AT_OWN,
     Change,
-    Gain,
+    Choice,
     Moments,
-    Pose,
     Target,
     Way,
     changes,
     gains,
+    late,
     options,
     poses,
 )
@@ -100,7 +100,7 @@ class _Search:
                 continue
             moments = self._moments(way, age)
             for gain in gains(self.target, moments, limits.free_price, way.offset * self.seen):
-                for pose in poses(way, self.target.scale / gain.factor):
+                for pose in poses(way, self.target.scale / gain[1]):
                     made.append(self._fitted(way, age, gain, pose, moments))
         return made
 
@@ -179,15 +179,21 @@ class _Search:
 
     def described(self, way: Variant, age: int) -> Way:
         """Return a variant of some age with the described gain, pose, order and options."""
-        gain, pose = Gain(None, self.target.scale, 0.0), Pose(None, way.offset)
+        gain, pose = (None, self.target.scale), (None, way.offset)
         return self._fitted(way, age, gain, pose, self._moments(way, age), exact=True)
 
     def _fitted(
-        self, way: Variant, age: int, gain: Gain, pose: Pose, moments: Moments, exact: bool = False
+        self,
+        way: Variant,
+        age: int,
+        gain: Choice,
+        pose: Choice,
+        moments: Moments,
+        exact: bool = False,
     ) -> Way:
         """Return the best order and options of the single numbers; `exact`: none of them."""
-        limits = self.limits
-        slope, shift, price = options(gain, pose, moments, limits.free_price)
+        limits, factor, offset = self.limits, gain[1], pose[1]
+        slope, shift, price = options(factor, offset, moments, limits.free_price)
         mse = (
             moments.var[:, None]
             - 2 * slope * moments.cov
@@ -207,10 +213,12 @@ class _Search:
             scores = np.min(total, axis=0) + limits.price * (j[:, None] != j)
             order = linear_sum_assignment(scores)[1]
         chosen = option[j, order]
-        paid = gain.price + bool(pose.mistake) + bool(way.mistake) + (age != way.age)
+        mistakes = tuple(filter(None, (way.mistake, late(age - way.age), gain[0], pose[0])))
+        paid = sum(mistake.price for mistake in mistakes)
         score = float(scores[j, order].sum() + limits.price * paid)
         slope, shift = slope[chosen, j, order], shift[chosen, j, order]
-        return Way(way, age, gain, pose, score, order, chosen, scores, slope, shift)
+        whole = way, age, factor, offset, mistakes
+        return Way(*whole, score, order, chosen, scores, slope, shift)
 
     def _reordered(self, best: Way) -> list[Way]:
         """Return the best way with two sources exchanged, where it then fits as well."""

@@ -205,20 +205,14 @@ def _load(path: str | Path) -> tuple[dict[str, Any], str]:
         raise ContractError(f"{name}: invalid YAML ({words})") from None
     if not isinstance(given, Mapping):
         raise ContractError(f"{name}: expected a mapping (docs/how-to/check_policy_interface.md)")
-    base = given.get("base")
-    if base is None:
+    if given.get("base") is None:
         return dict(given), name
-    choice(f"{name}: base", base, READY)
-    return _merged(_load(base)[0], given), name
-
-
-def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """Return keys over those of a base; of `action` and `history` each key by itself."""
-    both = {**base, **over}
-    for key in ("action", "history"):
-        if isinstance(base.get(key), Mapping) and isinstance(over.get(key), Mapping):
-            both[key] = {**base[key], **over[key]}
-    return both
+    base, _ = _load(choice(f"{name}: base", given["base"], READY))
+    both = {**base, **given}
+    for key in ("action", "history"):  # whose keys are replaced one by one
+        if isinstance(given.get(key), Mapping):
+            both[key] = {**base.get(key, {}), **given[key]}
+    return both, name
 
 
 def _section(place: str, given: Mapping[str, Any], *keys: str) -> tuple[str, Mapping[str, Any]]:

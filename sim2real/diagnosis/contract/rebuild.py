@@ -38,12 +38,14 @@ class Mistake(NamedTuple):
         text: what is wrong, after the term's name.
         fix: one line.
         value: a fitted or counted value, such as the age in steps; None where there is none.
+        price: of the change, in that of one without a fitted value.
     """
 
     fault: str
     text: str
     fix: str
     value: float | None = None
+    price: float = 1.0
 
 
 class Variant(NamedTuple):

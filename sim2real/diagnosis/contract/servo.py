@@ -39,8 +39,8 @@ def check_gains(rows: Rows, about: Description, settings: Settings) -> Stage:
         data = np.stack([error[use, j], -speed[use, j]], axis=1)
         found, *_ = np.linalg.lstsq(data, torque[use, j], rcond=None)
         rest = torque[use, j] - data @ found
-        power = float(np.sum((torque[use, j] - torque[use, j].mean()) ** 2))
-        if power == 0 or float(rest @ rest) > (1 - settings.preflight.share) * power:
+        power = np.sum((torque[use, j] - torque[use, j].mean()) ** 2)
+        if rest @ rest >= (1 - settings.preflight.share) * power:
             text = "torque is not a function of position and speed, so its gains are unknown"
             stage.open(f"gains: {name}", text)
             continue

@@ -17,13 +17,15 @@ from sim2real.diagnosis.contract.rebuild import Mistake, Variant, variants
 from sim2real.diagnosis.contract.rows import Rows
 from sim2real.diagnosis.contract.terms import ContractError, Term
 from sim2real.diagnosis.contract.ways import Target
+from sim2real.diagnosis.data.noise_floor import step_of
 from sim2real.diagnosis.data.pairs import TWELVE_BITS
 from sim2real.diagnosis.settings import Contract
 
 Actor = Callable[[np.ndarray], np.ndarray]
 ANGULAR = ("joint_position", "joint_velocity", "gyro", "roll_pitch")
 NORMALIZED = "subtract the mean and divide by the standard deviation {}"
-SAME_DIGITS, FEW_LEVELS, OFF_GRID = 9, 3, 0.01  # of commands that are rounded to counts
+SAME_DIGITS, FEW_LEVELS = 9, 3  # of a command that rests, fewer levels
+FILTERS = np.arange(1, 10) / 10  # weights of the new value, from 0 to 1
 LIMITED = "flag.limited"  # 1 in rows in which the robot's guard sent something else
 
 
@@ -157,17 +159,14 @@ def check_policy(
     ways = [plain]
     if normalizer is not None:
         mean, std = normalizer
-        for fault, how, fed, where in (
-            (
-                "twice",
-                "normalized twice",
-                (seen - mean) / std,
-                "once; the policy's file does it by itself",
-            ),
-            ("missing", "not normalized", seen * std + mean, "before the network"),
+        text = "is what the policy does with an observation that was {}"
+        twice, missing = text.format("normalized twice"), text.format("not normalized")
+        once = NORMALIZED.format("once; the policy's file does it by itself")
+        before = NORMALIZED.format("before the network")
+        for mistake, fed in (
+            (Mistake("normalizer_twice", twice, once), (seen - mean) / std),
+            (Mistake("normalizer_missing", missing, before), seen * std + mean),
         ):
-            text = f"is what the policy does with an observation that was {how}"
-            mistake = Mistake(f"normalizer_{fault}", text, NORMALIZED.format(where))
             ways.append(plain._replace(mistake=mistake, values=actor(fed)))
     ways += _held(rows, plain, limits, "run the policy every control step")
     elements = [str(i) for i in range(done.shape[1])]
@@ -213,7 +212,7 @@ def check_action(rows: Rows, about: Description, limits: Contract) -> Stage:
         scale = law.scale
         plain = Variant(None, np.clip(done, -law.clip, law.clip), law.offset / scale)
         clipped = _clipped(sent / scale - plain.offset, done, plain, limits)
-    ways = [plain, *clipped, *_smoothed(rows, plain, limits)]
+    ways = [plain, *clipped, *_smoothed(rows, plain)]
     ways += _held(rows, plain, limits, "send a command every control step")
     step = _resolution(sent)
     cut = rows.columns.get(LIMITED, np.zeros(len(rows))) > 0  # the guard's own doing
@@ -249,7 +248,7 @@ def _after(flags: np.ndarray, limits: Contract) -> np.ndarray:
     What was cut may be sent late. As many rows are left out as leave half of the others.
     """
     for rows in range(limits.ages_max, 0, -1):
-        near = np.convolve(flags, np.ones(rows + 1))[: len(flags)] > OFF_GRID
+        near = np.convolve(flags, np.ones(rows + 1))[: len(flags)] > 0
         if (~near).sum() >= max((~flags).sum() / 2, limits.rows_min):
             return near
     return flags
@@ -260,18 +259,10 @@ def _resolution(sent: np.ndarray) -> np.ndarray:
 
     A command that rests is taken to be rounded as finely as the others, or as 12 bits a turn are.
     """
-    found = np.full(sent.shape[1], np.nan)
-    for k, values in enumerate(sent.T):
-        levels = np.unique(np.round(values, SAME_DIGITS))
-        if len(levels) < FEW_LEVELS:
-            continue
-        found[k] = 0.0
-        step = float(np.diff(levels).min())
-        whole = (levels - levels[0]) / step
-        if np.abs(whole - np.round(whole)).max() < OFF_GRID:
-            found[k] = step
-    known = found[~np.isnan(found)]
-    return np.where(np.isnan(found), known.min() if known.size else TWELVE_BITS, found)
+    levels = [len(np.unique(np.round(values, SAME_DIGITS))) for values in sent.T]
+    rests, found = np.array(levels) < FEW_LEVELS, np.array([step_of(values) for values in sent.T])
+    known = found[~rests]
+    return np.where(rests, known.min() if known.size else TWELVE_BITS, found)
 
 
 def _clipped(
@@ -290,10 +281,10 @@ def _clipped(
     return ways
 
 
-def _smoothed(rows: Rows, plain: Variant, limits: Contract) -> list[Variant]:
+def _smoothed(rows: Rows, plain: Variant) -> list[Variant]:
     """Return commands that went through a filter of first order."""
     made = []
-    for share in limits.filters:
+    for share in FILTERS:
         text = f"is smoothed: {share:g} of the new value and {1 - share:g} of the last one"
         mistake = Mistake("filter", text, "send the command unfiltered")
         values = rows.smoothed(plain.values, share)

@@ -112,16 +112,12 @@ def make_term(place: str, given: Any, joints: tuple[str, ...], actions: int) -> 
     if kind == "phase" and "frequency" not in given:
         raise ContractError(f"{place}: the key frequency [1/s] is missing")
     elements = _elements(place, kind, given, joints, actions)
+    relative = given.get("relative", kind == "joint_position")
     return Term(
         kind,
         elements,
         numbers(f"{place}: scale", given.get("scale", 1.0), len(elements)),
-        of_type(
-            f"{place}: relative",
-            given.get("relative", kind == "joint_position"),
-            bool,
-            "true or false",
-        ),
+        of_type(f"{place}: relative", relative, bool, "true or false"),
         of_type(f"{place}: site", given.get("site"), str | None, "a name of an IMU's site or null"),
         choice(f"{place}: frame", given.get("frame", "body"), get_args(Frame)),
         positive(f"{place}: frequency", given["frequency"]) if "frequency" in given else 0.0,

@@ -78,19 +78,8 @@ class Change(NamedTuple):
         return alike and math.isclose(self.value, other.value, rel_tol=SAME_VALUE)
 
 
-class Gain(NamedTuple):
-    """A factor (k,) that a whole term may have, and the mistake that it is; None: as described."""
-
-    mistake: Mistake | None
-    factor: np.ndarray
-    price: float = 1.0
-
-
-class Pose(NamedTuple):
-    """An offset (k,) before scaling that a whole term may have; see `Gain`."""
-
-    mistake: Mistake | None
-    offset: np.ndarray
+# a factor or an offset (k,) that a whole term may have, and the mistake that it is if it is one
+Choice = tuple[Mistake | None, np.ndarray]
 
 
 class Moments(NamedTuple):
@@ -108,8 +97,9 @@ class Way(NamedTuple):
 
     variant: Variant
     age: int
-    gain: Gain
-    pose: Pose
+    factor: np.ndarray  # (k,), of the whole term
+    offset: np.ndarray  # (k,), of the whole term, before scaling
+    mistakes: tuple[Mistake, ...]  # with the whole term
     score: float
     order: np.ndarray  # (k,): the source of each number
     option: np.ndarray  # (k,): how each number is made
@@ -124,29 +114,29 @@ SIGNED = (2, 3, 6, 7, 8)
 SHIFTED, SCALED = (4, 6), 5
 
 
-def poses(way: Variant, ratio: np.ndarray) -> list[Pose]:
-    """Return the offsets that a whole term may have, the described one first.
+def poses(way: Variant, ratio: np.ndarray) -> list[Choice]:
+    """Return the offsets that a whole term may have, before scaling, the described one first.
 
     Args:
         way: the source.
         ratio: described factor over the one that is tried, (k,): the offset may have been added
             after it, and is then what it should be.
     """
-    found = [Pose(None, way.offset)]
     if not np.any(way.offset):
-        return found
-    if not np.allclose(ratio, 1.0):
-        found.append(Pose(None, way.offset * ratio))
-    for text, fix, factor in (
+        return [(None, way.offset)]
+    mistakes = (
         ("lacks the default pose", "take the default pose into account", 0.0),
         ("has the default pose twice", "take the default pose into account once", 2.0),
         ("has the default pose with the wrong sign", "negate the default pose", -1.0),
-    ):
-        found.append(Pose(Mistake("default_pose", text, fix), factor * way.offset))
-    return found
+    )
+    return [
+        (None, way.offset),
+        *([] if np.allclose(ratio, 1.0) else [(None, way.offset * ratio)]),
+        *((Mistake("default_pose", text, fix), by * way.offset) for text, fix, by in mistakes),
+    ]
 
 
-def gains(target: Target, moments: Moments, free_price: float, offset: np.ndarray) -> list[Gain]:
+def gains(target: Target, moments: Moments, free_price: float, offset: np.ndarray) -> list[Choice]:
     """Return the factors that a whole term may have, the described one first.
 
     A free factor is estimated from the spreads, whatever the order, and from the numbers in their
@@ -154,30 +144,36 @@ def gains(target: Target, moments: Moments, free_price: float, offset: np.ndarra
     """
     scale = target.scale
     text = "points the other way" if target.flipped != "sign" else "has the wrong sign everywhere"
-    found = [
-        Gain(None, scale, 0.0),
-        Gain(Mistake(target.flipped, text, "negate it"), -scale),
-    ]
+    found: list[Choice] = [(None, scale), (Mistake(target.flipped, text, "negate it"), -scale)]
     if target.angular:
         again = "was converted from degrees to rad twice"
         found += [
-            Gain(Mistake("unit", "is in degrees", "convert it to rad"), scale * DEGREES),
-            Gain(Mistake("unit", again, "convert it once"), scale / DEGREES),
+            (Mistake("unit", "is in degrees", "convert it to rad"), scale * DEGREES),
+            (Mistake("unit", again, "convert it once"), scale / DEGREES),
         ]
     if not np.allclose(scale, 1.0):
         once, twice = "was not multiplied by its scale", "was multiplied by its scale twice"
         found += [
-            Gain(Mistake("scale", once, "multiply it by its scale"), np.ones_like(scale)),
-            Gain(Mistake("scale", twice, "multiply it once"), scale**2),
+            (Mistake("scale", once, "multiply it by its scale"), np.ones_like(scale)),
+            (Mistake("scale", twice, "multiply it once"), scale**2),
         ]
-    for ratio in _ratios(scale, moments, offset):
-        found.append(Gain(_scaled(ratio), scale * ratio, free_price))
-    return found
+    ratios = _ratios(scale, moments, offset)
+    return [*found, *((_scaled("", ratio, free_price), scale * ratio) for ratio in ratios)]
 
 
-def _scaled(ratio: float) -> Mistake:
-    text = f"is {ratio:.4g} times as large as described"
-    return Mistake("scale", text, f"divide it by {ratio:.4g}", ratio)
+def _scaled(where: str, ratio: float, price: float = 1.0) -> Mistake:
+    text = f"{where}is {ratio:.4g} times as large as described"
+    return Mistake("scale", text, f"divide it by {ratio:.4g}", ratio, price)
+
+
+def late(steps: int) -> Mistake | None:
+    """Return what is wrong with a term that is so many steps older than described."""
+    if steps == 0:
+        return None
+    words = f"{abs(steps)} step{'s' if abs(steps) > 1 else ''}"
+    text = f"is {words} {'older' if steps > 0 else 'newer'} than described"
+    fix = "use the newest measurement" if steps > 0 else f"delay it by {words}"
+    return Mistake("age", text, fix, float(steps))
 
 
 def _ratios(scale: np.ndarray, moments: Moments, offset: np.ndarray) -> list[float]:
@@ -199,10 +195,10 @@ def _ratios(scale: np.ndarray, moments: Moments, offset: np.ndarray) -> list[flo
 
 
 def options(
-    gain: Gain, pose: Pose, moments: Moments, free_price: float
+    factor: np.ndarray, offset: np.ndarray, moments: Moments, free_price: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return slopes and shifts (options, k, k) with which number j may show i, and their prices."""
-    g, b, of_source = gain.factor[:, None], pose.offset[:, None], pose.offset[None, :]
+    g, b, of_source = factor[:, None], offset[:, None], offset[None, :]
     mean, x = moments.mean[:, None], moments.source_mean
     against = g * (moments.cov + mean * (x + b))
     power = np.maximum(g**2 * (moments.source_var + (x + b) ** 2), np.finfo(float).tiny)
@@ -226,10 +222,8 @@ def options(
 
 def changes(target: Target, way: Way) -> tuple[Change, ...]:
     """Return what a way changes, in words."""
-    found: list[tuple[Mistake | None, tuple[str, ...]]]
     names = tuple(target.elements)
-    whole = (way.variant.mistake, _late(way), way.gain.mistake, way.pose.mistake)
-    found = [(mistake, names) for mistake in whole]
+    found = [(mistake, names) for mistake in way.mistakes]
     moved = np.flatnonzero(way.order != np.arange(len(names)))
     if moved.size:
         order = [names[i] for i in way.order]
@@ -243,25 +237,14 @@ def changes(target: Target, way: Way) -> tuple[Change, ...]:
         found.append((Mistake("sign", text, f"negate {listed}"), turned))
     for j, (name, option) in enumerate(zip(names, way.option, strict=True)):
         if option in SHIFTED:
-            value = float(way.shift[j] / way.slope[j] - way.pose.offset[j])
+            value = float(way.shift[j] / way.slope[j] - way.offset[j])
             text = f"at {name} is off by {value:+.4g} before scaling"
             fix = "correct this joint's zero or its default pose"
             found.append((Mistake("offset", text, fix, value), (name,)))
         if option == SCALED:
-            scaled = _scaled(float(way.slope[j] / way.gain.factor[j]))
-            found.append((scaled._replace(text=f"at {name} {scaled.text}"), (name,)))
+            ratio = float(way.slope[j] / way.factor[j])
+            found.append((_scaled(f"at {name} ", ratio), (name,)))
     return tuple(
         Change(target.place(of), one.fault, f"{target.name} {one.text}", one.fix, one.value)
         for one, of in found
-        if one is not None
     )
-
-
-def _late(way: Way) -> Mistake | None:
-    late = way.age - way.variant.age
-    if not late:
-        return None
-    steps = f"{abs(late)} step{'s' if abs(late) > 1 else ''}"
-    text = f"is {steps} {'older' if late > 0 else 'newer'} than described"
-    fix = "use the newest measurement" if late > 0 else f"delay it by {steps}"
-    return Mistake("age", text, fix, float(late))

@@ -36,7 +36,8 @@ from sim2real.diagnosis.settings import DEFAULT
 from sim2real.diagnosis.settings import Experiment as Limits
 from sim2real.runs.errors import Sim2RealError
 
-Scored = tuple[Item, np.ndarray]  # a motion, and how far it parts each pair, (P,) noise floors
+KNOWN = "bench1"  # a desk-top robot, whose servo, bus, rate and supply stand in for unknown ones
+Scores = dict[Item, np.ndarray]  # motions, and how far each parts each pair, (P,) noise floors
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ def next_experiment(
     """
     if len(members) <= 1:
         raise Sim2RealError(f"{len(members)} explanation leaves nothing to separate; give two")
-    machine = stand_in(spec, settings) if robot is None else robot
+    machine = stand_in(spec) if robot is None else robot
     falls = _falls(spec, machine, settings)
     items = [
         item
@@ -110,11 +111,11 @@ def next_experiment(
     asked = Asked(spec, _noise(spec, floor), tuple(past), tuple(fixed))
     together = [item for item in items if item.change is None]  # one batch: the same model
     groups = [together, *([item] for item in items if item.change is not None)]
-    scores: list[Scored] = []
+    scores: Scores = {}
     for some in filter(None, groups):
         made = [_changed(item, asked, machine, settings) for item in some]
         found = separation(members, [motion for _, motion in made], made[0][0])
-        scores += [one for one in zip(some, found, strict=True) if np.isfinite(one[1]).all()]
+        scores |= {i: far for i, far in zip(some, found, strict=True) if np.isfinite(far).all()}
     if not scores:
         raise Sim2RealError("the model diverges in every motion under one of the explanations")
 
@@ -122,16 +123,14 @@ def next_experiment(
         changed, motion = _changed(item, asked, machine, settings)
         return refitted(members, motion, changed)
 
-    best = _looked_at(scores, _Near(settings, scores), exact, refit)
-    near = _Near(settings, best or scores)
-    looked_at = [item for item, _ in best]
-    known = [*best, *(one for one in scores if one[0] not in looked_at)]
-    known.sort(key=near.worth, reverse=True)
-    item, distances = max(best or scores, key=near.worth)
+    best = _looked_at(scores, _Near(settings, scores), exact, refit) or scores
+    known, near = {**scores, **best}, _Near(settings, best)
+    item, distances = max(best.items(), key=near.worth)
     least, parted = near.least(distances), _Near(settings, known).parted
     alike = [pair for pair, apart in zip(pairs(members), parted, strict=True) if not apart]
     text = _text(item, members, alike, least, bool(near.parted.any()), robot)
-    ranking = tuple((other.name, near.least(found)) for other, found in known)
+    ranked = sorted(known.items(), key=near.worth, reverse=True)
+    ranking = tuple((other.name, near.least(found)) for other, found in ranked)
     return Experiment(text, item, least, near.most, ranking)
 
 
@@ -143,11 +142,11 @@ class _Near:
         scores: motions and how far they part each pair, (P,) floors.
     """
 
-    def __init__(self, settings: Limits, scores: Sequence[Scored]) -> None:
+    def __init__(self, settings: Limits, scores: Scores) -> None:
         self.settings = settings
-        self.furthest = np.nan_to_num([distances for _, distances in scores]).max(axis=0)  # (P,)
-        self.most = float(self.furthest.max())
-        self.parted = self.furthest >= settings.apart_min  # (P,)
+        furthest = np.nan_to_num(list(scores.values())).max(axis=0)  # (P,)
+        self.most = float(furthest.max())
+        self.parted = furthest >= settings.apart_min  # (P,)
 
     def of(self, distances: np.ndarray) -> np.ndarray:
         """Return the distances (P,) that count: of pairs that are parted by some motion."""
@@ -158,7 +157,7 @@ class _Near:
         own = self.of(distances)
         return float(own.min() if self.parted.any() else own.max())
 
-    def worth(self, scored: Scored) -> tuple[bool, float, float]:
+    def worth(self, scored: tuple[Item, np.ndarray]) -> tuple[bool, float, float]:
         """Return what a motion is worth: the operator's time, where it is sure to be enough.
 
         Else the evidence that it gives in a second of that time.
@@ -173,35 +172,33 @@ class _Near:
 
 
 def _looked_at(
-    scores: Sequence[Scored], near: _Near, exact: int, refit: Callable[[Item], np.ndarray]
-) -> list[Scored]:
+    scores: Scores, near: _Near, exact: int, refit: Callable[[Item], np.ndarray]
+) -> Scores:
     """Return the best motions, and those that part furthest, with exact refits.
 
     No more once one is sure to be enough. Where none of them parts anything, each pair that is
     parted by linear steps is looked at in the motion that parts it furthest.
     """
-    best = sorted(scores, key=near.worth, reverse=True)[:exact]
-    furthest = sorted(scores, key=lambda one: float(one[1].max()), reverse=True)[:exact]
-    own = [max(scores, key=lambda one: float(one[1][p])) for p in np.flatnonzero(near.parted)]
-    found: list[Scored] = []
-    for number, (item, _) in enumerate([*best, *furthest, *own] if exact else []):
-        if number >= len(best) + len(furthest) and _Near(near.settings, found).parted.any():
+    best = [item for item, _ in sorted(scores.items(), key=near.worth, reverse=True)][:exact]
+    furthest = sorted(scores, key=lambda item: float(scores[item].max()), reverse=True)[:exact]
+    own = [max(scores, key=lambda item: scores[item][p]) for p in np.flatnonzero(near.parted)]
+    found: Scores = {}
+    for item in dict.fromkeys([*best, *furthest, *own]) if exact else ():
+        if item not in (*best, *furthest) and _Near(near.settings, found).parted.any():
             break
-        if item in [other for other, _ in found]:
-            continue
-        found.append((item, refit(item)))
-        if near.parted.any() and near.least(found[-1][1]) >= near.settings.apart_sure:
+        found[item] = refit(item)
+        if near.parted.any() and near.least(found[item]) >= near.settings.apart_sure:
             break
     return found
 
 
-def stand_in(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> Robot:
+def stand_in(spec: mujoco.MjSpec) -> Robot:
     """Return a known robot with a servo for each position actuator of a model in place of its own.
 
     Raises:
         Sim2RealError: the model has none.
     """
-    model, known = spec.copy().compile(), load_robot(settings.robot)
+    model, known = spec.copy().compile(), load_robot(KNOWN)
     servos, own = [], known.servos[0]
     for i in filter(partial(is_joint_servo, model), range(model.nu)):
         joint, (low, high) = int(model.actuator_trnid[i, 0]), own.position
@@ -260,9 +257,7 @@ def _falls(spec: mujoco.MjSpec, robot: Robot, settings: Limits) -> bool:
     """Say whether a robot that is let go in its middle pose leaves it: it would fall over."""
     model = spec.copy().compile()
     rest = record_of(Item("a hold", ("hold",)), model, robot, settings)
-    rows = int(settings.fall_s * robot.rate)
-    off = np.zeros((rows, model.nu), bool)
-    free = rest._replace(time=rest.time[:rows], ctrl=rest.ctrl[:rows], powered=off)
+    free = rest._replace(powered=np.zeros(rest.ctrl.shape, bool))
     path = trial(spec, [free])[0][:, _places(model, robot)[1]]
     return not bool(np.abs(path - path[0]).max() < settings.fallen)
 

@@ -12,9 +12,6 @@ class ClosedLoopSettings:
     episodes: int = setting(32, "1", "number of episodes in each simulator", COST)
     rows: int = setting(4, "1", "number of consecutive rows in a sample", JUDGED)
     samples: int = setting(40, "1", "largest number of samples from an episode", COST)
-    directions: int = setting(
-        64, "1", "number of random directions of the sliced Wasserstein distance", COST
-    )
     draws: int = setting(200, "1", "number of resamples of episodes for the intervals", COST)
     negligible: float = setting(
         0.05,
@@ -22,7 +19,4 @@ class ClosedLoopSettings:
         "negligible sliced Wasserstein distance, in standard deviations of the channels",
         "measured: emulated quad8 with nothing hidden, 0.030 and 0.043"
         " (benchmarks/notebook/walking.md)",
-    )
-    rate_error: float = setting(
-        0.1, "1", "largest relative difference between the log's and the policy's rate", JUDGED
     )

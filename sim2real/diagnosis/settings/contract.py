@@ -17,21 +17,12 @@ class Contract:
     margin: float = setting(
         0.5, "1", "a fault is named only if it reduces the misfit to at most this fraction", JUDGED
     )
-    left_max: float = setting(
-        0.15, "1", "largest misfit that may remain with a named fault", JUDGED
-    )
     floor: float = setting(2e-3, "1", "misfit below which fits count as equally good", JUDGED)
     effective_rows: int = setting(
         30, "1", "number of independent rows that is assumed when faults are compared", JUDGED
     )
     free_price: float = setting(
         1.5, "1", "evidence that a fault with a fitted value needs, relative to one without", JUDGED
-    )
-    alike: float = setting(
-        3.0,
-        "nat",
-        "difference of log likelihood up to which faults are alternatives",
-        "derived: odds of 20",
     )
     set_max: int = setting(
         3, "1", "largest number of alternatives that are listed with a fault", JUDGED
@@ -45,23 +36,33 @@ class Contract:
     ways_few: int = setting(
         4, "1", "number of variants of a term up to which each is tried at every age", COST
     )
-    filters: tuple[float, ...] = setting(
-        (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9),
-        "1",
-        "smoothing factors that are tried (weight of the new value)",
-        COST,
-    )
     rows_min: int = setting(20, "1", "smallest number of rows that allows an answer", JUDGED)
-    rows_few: int = setting(
-        4, "1", "smallest number of unclipped rows in which a number is compared", JUDGED
-    )
-    draws: int = setting(200, "1", "number of resamples that give the certainty of a fault", COST)
     blocks: int = setting(20, "1", "number of blocks of rows that are resampled", JUDGED)
+
+    @property
+    def left_max(self) -> float:
+        """Largest misfit that may remain with a named fault."""
+        return 3 * self.unexplained
+
+    @property
+    def rows_few(self) -> int:
+        """Smallest number of unclipped rows in which a number is compared."""
+        return self.rows_min // 5
+
+    @property
+    def draws(self) -> int:
+        """Resamples that give the certainty of a fault: ten for each block of rows."""
+        return 10 * self.blocks
 
     @property
     def price(self) -> float:
         """Gain in log likelihood that each further change must bring [nats].
 
-        That of halving the RMS misfit of one number.
+        That of reducing the RMS misfit of one number by `margin`.
         """
-        return self.effective_rows * math.log(2)
+        return -self.effective_rows * math.log(self.margin)
+
+    @property
+    def alike(self) -> float:
+        """Difference of log likelihood up to which faults are alternatives: odds of 20 [nats]."""
+        return math.log(20)

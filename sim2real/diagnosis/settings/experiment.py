@@ -14,23 +14,11 @@ class Experiment:
     size: float = setting(
         0.6, "1", "amplitude of a motion, relative to the distance to the nearer limit", JUDGED
     )
-    size_min: float = setting(
-        0.2, "1", "smallest amplitude of a randomly drawn motion, relative to that distance", JUDGED
-    )
     apart_min: float = setting(
         3.0, "1", "distance from which two explanations are separated, in noise floors", JUDGED
     )
-    fall_s: float = setting(
-        2.0, "s", "time without torque that is simulated to see whether the robot falls", JUDGED
-    )
     fallen: float = setting(
-        0.5, "rad", "motion of a joint in this time above which the robot falls", JUDGED
-    )
-    robot: str = setting(
-        "bench1",
-        "",
-        "robot whose servo, bus, rate and supply are assumed if only a model is given",
-        "convention: a desk-top servo",
+        0.5, "rad", "motion of a joint without torque above which the robot falls", JUDGED
     )
     edge: float = setting(
         0.05, "1", "part of a joint's range, at each limit, in which no motion starts", JUDGED
@@ -47,6 +35,11 @@ class Experiment:
         JUDGED,
     )
     tilt: float = setting(math.pi / 6, "rad", "tilt of the base in a proposed motion", JUDGED)
+
+    @property
+    def size_min(self) -> float:
+        """Smallest amplitude of a randomly drawn motion: a third of the usual one."""
+        return self.size / 3
 
     @property
     def apart_sure(self) -> float:

@@ -13,7 +13,6 @@ from typing import Any
 
 from hardware.log import Log
 from sim2real.diagnosis.contract.logged import LoadPolicy, check_logs, has_policy
-from sim2real.diagnosis.contract.page import write_page
 from sim2real.evaluation import worth_report
 from sim2real.evaluation.cause_costs import Cause, compute_cause_costs
 from sim2real.learning.trained import TrainedPolicy
@@ -44,8 +43,7 @@ def interface(logs: Sequence[Log], load: LoadPolicy, place: Path) -> str | None:
     except Sim2RealError as error:
         log_.warning("the policy's interface was not checked: %s", error)
         return None
-    answer.write(place / "contract.json")
-    write_page(answer, place / "contract.html")
+    answer.write(place)
     for finding in answer.findings:
         log_.warning("%s: %s; %s", finding.where, finding.text, finding.fix)
     return answer.verdict

@@ -17,13 +17,13 @@ from sim2real.deployment.export import export
 from sim2real.deployment.robot_env import on_robot, play, robot_of
 from sim2real.deployment.trained import load_policy
 from sim2real.diagnosis.closed_loop.check import Drawn, check_closed_loop
-from sim2real.diagnosis.settings import ClosedLoopSettings
+from sim2real.diagnosis.settings import DEFAULT, ClosedLoopSettings
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.loops.player import PolicySimulator, load_player
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.trained import SMALL_ES, train
 
-FEW = ClosedLoopSettings(episodes=6, draws=60)
+FEW = replace(DEFAULT, closed_loop=ClosedLoopSettings(episodes=6, draws=60))
 HIDDEN = {"effect": "motor_strength", "where": "hinge", "value": 0.4}
 WEAK = [Drawn(make("motor_strength", where="hinge"), (0.4,), (0.38, 0.42))]
 

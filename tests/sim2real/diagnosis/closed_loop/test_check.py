@@ -11,11 +11,11 @@ from hardware.log import Log
 from sim2real.diagnosis.closed_loop.check import Drawn, check_closed_loop, closed_loop_of
 from sim2real.diagnosis.closed_loop.measured import Episode, episodes_of, histories, shared
 from sim2real.diagnosis.schema import Report
-from sim2real.diagnosis.settings import ClosedLoopSettings
+from sim2real.diagnosis.settings import DEFAULT, ClosedLoopSettings
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.diagnosis.report import sample
 
-FEW = ClosedLoopSettings(episodes=8, draws=40, samples=20)
+FEW = replace(DEFAULT, closed_loop=ClosedLoopSettings(episodes=8, draws=40, samples=20))
 RATE, ROWS = 50.0, 60
 STEP = 1 / RATE
 WEAK = [Drawn(make("motor_strength", where="hinge"), (0.5,), (0.45, 0.55))]

@@ -350,7 +350,8 @@ def test_the_answer_as_json(tmp_path):
     import json
 
     answer = check(tmp_path, see={"gyro": np.degrees})
-    facts = json.loads(answer.write(tmp_path / "contract.json").read_text())
+    answer.write(tmp_path)
+    facts = json.loads((tmp_path / "contract.json").read_text())
     assert (facts["schema"], facts["verdict"]) == (1, "broken")
     assert facts["findings"][0]["fault"] == "unit"
     assert facts["inputs"]["rows"] == 400

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from sim2real.diagnosis.contract.check import check_contract
-from sim2real.diagnosis.contract.page import write_page
 from tests.sim2real.diagnosis.contract.walk import described, walk
 
 pytestmark = pytest.mark.render
@@ -29,7 +28,8 @@ def test_it_shows_what_is_wrong_and_what_to_do(browser: str, tmp_path: Path) -> 
     log, actor = walk(see={"gyro": np.degrees})
     about = described(tmp_path / "OBS.yaml", name='<img src="x" onerror="window.evil=1">')
     answer = check_contract([log], about, actor)
-    page = write_page(answer, tmp_path / "contract.html")
+    answer.write(tmp_path)
+    page = tmp_path / "contract.html"
     probe = """<script>
     const box = (name) => document.querySelector(name).getBoundingClientRect();
     document.title = JSON.stringify({ rows: document.querySelectorAll("tr").length,

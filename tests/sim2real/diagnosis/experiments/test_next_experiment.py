@@ -102,8 +102,8 @@ def test_the_shortest_motion_that_is_enough_is_worth_most() -> None:
     by_hand = Item("by hand", ("hold",), 4.0, setup=60.0)
 
     def best(*scored: tuple[Item, float]) -> str:
-        scores = [(item, np.array([floors])) for item, floors in scored]
-        return max(scores, key=_Near(DEFAULT.experiment, scores).worth)[0].name
+        scores = {item: np.array([floors]) for item, floors in scored}
+        return max(scores.items(), key=_Near(DEFAULT.experiment, scores).worth)[0].name
 
     assert best((short, 1.1 * sure), (long, 9 * sure), (by_hand, 20 * sure)) == "short"
     assert best((short, 0.9 * sure), (long, 1.1 * sure), (by_hand, 2 * sure)) == "long"
@@ -113,18 +113,18 @@ def test_the_shortest_motion_that_is_enough_is_worth_most() -> None:
 def test_a_pair_that_no_motion_parts_has_no_say() -> None:
     """The others decide what a motion is worth; nothing is gained by one that parts them less."""
     sure = DEFAULT.experiment.apart_sure
-    scores = [
-        (Item("long", ("steps",), 16.0), np.array([2 * sure, 1e-9, 2 * sure])),
-        (Item("short", ("ramp",), 4.0), np.array([0.4 * sure, 2e-9, 0.4 * sure])),
-        (Item("one pair", ("hold",), 4.0), np.array([9 * sure, 1e-9, 0.0])),
-    ]
+    scores = {
+        Item("long", ("steps",), 16.0): np.array([2 * sure, 1e-9, 2 * sure]),
+        Item("short", ("ramp",), 4.0): np.array([0.4 * sure, 2e-9, 0.4 * sure]),
+        Item("one pair", ("hold",), 4.0): np.array([9 * sure, 1e-9, 0.0]),
+    }
     near = _Near(DEFAULT.experiment, scores)
     assert near.parted.tolist() == [True, False, True]
     assert near.most == 9 * sure
-    assert [near.least(found) for _, found in scores] == [2 * sure, 0.4 * sure, 0.0]
-    ranked = sorted(scores, key=near.worth, reverse=True)
+    assert [near.least(found) for found in scores.values()] == [2 * sure, 0.4 * sure, 0.0]
+    ranked = sorted(scores.items(), key=near.worth, reverse=True)
     assert [item.name for item, _ in ranked] == ["long", "one pair", "short"]
-    none = _Near(DEFAULT.experiment, [(item, 0.1 * found[1:2]) for item, found in scores])
+    none = _Near(DEFAULT.experiment, {item: 0.1 * found[1:2] for item, found in scores.items()})
     assert not none.parted.any()
     assert none.least(np.array([1.0, 2.0])) == 2.0
 
