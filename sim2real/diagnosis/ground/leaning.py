@@ -12,7 +12,7 @@ from itertools import combinations
 import mujoco
 import numpy as np
 
-from sim2real.diagnosis.ground.base import Base, rotations
+from sim2real.diagnosis.ground.base import Base, posed, rotations
 from sim2real.diagnosis.ground.turns import uprighted
 from sim2real.diagnosis.settings import Ground
 
@@ -32,13 +32,10 @@ def leant(
     """
     if len(base.soles) < CORNERS:
         return None
-    data, ups, rests = mujoco.MjData(model), [], []
+    ups, rests, poses = [], [], qpos.copy()
+    poses[:, base.turn] = np.eye(len(base.turn))[0]
     upright = rotations(qpos[0, base.turn]).inv().apply([0.0, 0.0, 1.0])
-    for pose in qpos:
-        data.qpos[:] = pose
-        data.qpos[base.turn] = np.eye(len(base.turn))[0]
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
+    for data in posed(model, poses):
         centre = data.subtree_com[base.body]
         up, margin = _carried(data.geom_xpos[base.soles], centre, upright, settings)
         ups.append(up)
