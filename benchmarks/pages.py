@@ -22,6 +22,8 @@ from sim2real.runs.files import write_text
 
 REFERENCE = Path(__file__).resolve().parents[1] / "docs" / "reference"
 KEY = re.compile(r"^(\w+): +(.*?) +# (.*)$")  # of conf/config.yaml: name, value, comment
+GROUP = re.compile(r"^  - (\w+): (\w+) +# (.*)$", re.MULTILINE)  # name, default, comment
+EXPERIMENT = "A complete run: choices of other groups, and values. Add it as `+experiment=NAME`."
 JSON = (  # types of Python, and what they are in a file
     (r"Mapping\[.*\]", "table"),
     (r"tuple\[(\w+), \.\.\.\]", r"list of \1"),
@@ -69,12 +71,14 @@ def configuration() -> str:
         "## Keys",
         markdown(("key", "default", "meaning"), keys),
     ]
+    about = {m[1]: f"{m[3][0].upper()}{m[3][1:]}. Default: `{m[2]}`." for m in GROUP.finditer(text)}
+    about[catalogue.EXPERIMENT] = EXPERIMENT
     for group in catalogue.groups():
         choices = [
             (f"`{name}`", catalogue.summary(path))
             for name, path in sorted(catalogue.files(group).items())
         ]
-        parts += [f"## {group}", markdown((f"`{group}=`", "meaning"), choices)]
+        parts += [f"## {group}", about[group], markdown((f"`{group}=`", "meaning"), choices)]
     return "\n\n".join(parts) + "\n"
 
 
@@ -86,19 +90,37 @@ def settings() -> str:
         " from their declarations. A unit of 1 is a fraction, a factor or a count; rad stands for m"
         ' at slides. A report lists the origin of each under "How this was made".'
         " [How to change one](../how-to/exclude_and_correct.md).",
+        "**Spread** is the standard deviation of a joint's positions. A **probe** is a value of an"
+        " effect that is simulated first, before anything is fitted. The **discrepancy** is the"
+        " part of the error that the model cannot explain.",
     ]
     stages: dict[str, list[tuple[str, ...]]] = {}
     for row in rows(DEFAULT):
-        line = (f"`{row.name}`", f"`{row.value}`", row.unit, row.meaning)
+        line = (f"`{row.name}`", f"`{_rounded(row.value)}`", row.unit, row.meaning)
         stages.setdefault(row.stage, []).append(line)
     own = identification.DEFAULT
+    about = {f.name: getattr(DEFAULT, f.name).__doc__ for f in dataclasses.fields(DEFAULT)}
+    about["identification"] = own.__doc__
     stages["identification"] = [
-        (f"`{f.name}`", f"`{getattr(own, f.name)}`", f.metadata["unit"], f.metadata["meaning"])
+        (
+            f"`{f.name}`",
+            f"`{_rounded(getattr(own, f.name))}`",
+            f.metadata["unit"],
+            f.metadata["meaning"],
+        )
         for f in dataclasses.fields(own)
     ]
     for stage, lines in stages.items():
-        parts += [f"## {stage}", markdown(("setting", "value", "unit", "meaning"), lines)]
+        parts += [f"## {stage}", str(about[stage])]
+        parts += [markdown(("setting", "value", "unit", "meaning"), lines)]
     return "\n\n".join(parts) + "\n"
+
+
+def _rounded(value: object) -> str:
+    """Return a setting's value to six digits."""
+    if isinstance(value, tuple):
+        return ", ".join(map(_rounded, value))
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def report_json() -> str:

@@ -16,6 +16,7 @@ from envs.effects.places import find
 from envs.effects.plant_view import PlantView
 from envs.errors import EffectError
 
+BOARD = "a photograph of a calibration board by the robot's camera, against a rendered image"
 UNPAINTED = np.array([0.5, 0.5, 0.5, 1.0])  # a geom of this colour shows its material's
 
 
@@ -44,6 +45,7 @@ class Colour(Appearance):
     unit = "1"
     composes = True
     typical = (-0.3, 0.3)
+    experiment = "a photograph of the body in the light in which the policy will run"
     limits, components = (-1.0, 1.0), ("red", "green", "blue")
 
     def check(self, model: mujoco.MjModel) -> None:
@@ -144,7 +146,7 @@ class _Stand(BoundEffect):
 
 
 class CameraShift(Appearance):
-    """Offset of the cameras along their own axes."""
+    """Offset of the cameras along their own axes: to the right, up and back."""
 
     name = "camera_shift"
     engines = BOTH
@@ -154,6 +156,7 @@ class CameraShift(Appearance):
     composes = True
     typical = (-0.2, 0.2)
     components = ("right", "up", "back")
+    experiment = BOARD
     part = "camera"
     law = _Stand
 
@@ -184,6 +187,7 @@ class CameraTurn(Appearance):
     typical = (-0.1, 0.1)
     limits = (-np.pi, np.pi)
     components = ("right", "up")
+    experiment = BOARD
     part = "camera"
     law = _Aim
 

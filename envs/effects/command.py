@@ -32,7 +32,7 @@ def stream(label: str) -> int:
 class CommandDelay(Effect):
     """Time from sending a command to its arrival at the servos, added to the model's own delays.
 
-    Values below one physics step act as one step. `longest` sizes the delay line.
+    Values below one physics step act as one step. `longest` sets the length of the delay line.
     """
 
     name = "command_delay"
@@ -308,7 +308,7 @@ class ProfileAcceleration(_ProfileEffect):
     sizes = Sizes("limit", "sharpest", 1.0, 1000.0)
     symptom = "lag that grows with the amplitude of fast motions, at the same frequency"
     source = (
-        "trapezoid on the goal, |d²goal/dt²| <= a; Dynamixel Profile Acceleration (108),"
+        "trapezoidal profile of the goal, |d²goal/dt²| <= a; Dynamixel Profile Acceleration (108),"
         " Feetech register 41"
     )
     experiment = (

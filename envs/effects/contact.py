@@ -108,8 +108,8 @@ class _ContactEffect(Effect):
 class GroundFriction(_ContactEffect, FieldEffect):
     """Sliding friction coefficient between the ground and the robot.
 
-    MuJoCo uses the larger coefficient of the two geoms, so `friction_mode: contact` writes both;
-    with `where`, other geoms keep theirs. `friction_mode: seed` writes the robot's geom only, which
+    MuJoCo uses the larger coefficient of the two geoms, so `friction_mode: contact` sets both;
+    with `where`, other geoms keep theirs. `friction_mode: seed` sets the robot's geom only, which
     has no effect below the floor's coefficient.
 
     Args:
@@ -125,7 +125,7 @@ class GroundFriction(_ContactEffect, FieldEffect):
     hows: ClassVar[tuple[How, ...]] = ("set", "scale")
     field = "geom_friction"
     typical = (0.3, 1.5)
-    symptom = "feet that slip, or grip, when the tangential load changes"
+    symptom = "feet that slip more, or less, than in the model when the tangential load changes"
     source = (
         "MuJoCo documentation, Computation, contact parameters: element-wise maximum of"
         " the two geoms"

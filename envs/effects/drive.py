@@ -119,7 +119,7 @@ class TorqueSpeedKnee(ActuatorEffect):
             2.0,
             1.001,
             1e3,
-            "the no-load speed as a multiple of the knee's",
+            "the no-load speed as a multiple of the speed at the knee",
             fit=(1.05, 10.0),
             typical=(1.2, 4.0),
         ),
@@ -127,9 +127,9 @@ class TorqueSpeedKnee(ActuatorEffect):
     typical = (1.0, 20.0)
     display_name = "torque-speed knee"
     no_mjcf = "MJCF has no force range that depends on the speed"
-    symptom = "fast motions under load fall behind; slow motions with the same torque do not"
+    symptom = "fast motions under load lag; slow motions with the same torque do not"
     source = "|tau| <= tau_max min(1, (w0 - |w|) / (w0 - wk)): a motor's back-EMF at full voltage"
-    experiment = "the largest steps, up and down, at two supply voltages: the slope is limited"
+    experiment = "large steps, up and down, at two supply voltages; compare their top speeds"
     group = RULES
     limits, neutral = (1e-3, NO_KNEE), NO_KNEE
     law = _Knee
@@ -188,7 +188,9 @@ class ActuatorLag(ActuatorEffect):
     typical = (0.0, 0.03)
     no_mjcf = "MJCF filters an actuator's command, not its torque"
     symptom = "the torque builds up late: overshoot and ringing despite well-damped gains"
-    source = "T dtau/dt = tau_law - tau; MuJoCo XML reference, dyntype filterexact, on the torque"
+    source = (
+        "T dtau/dt = tau_control - tau; MuJoCo XML reference, dyntype filterexact, on the torque"
+    )
     experiment = "small fast steps at a high gain; log the current if the servo reports it"
     limits = (0.0, np.inf)
     first_values = (0.003, 0.01, 0.03)

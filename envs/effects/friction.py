@@ -88,7 +88,7 @@ class _Coulomb(BoundEffect):
 
 
 class CoulombFriction(FieldEffect):
-    """Dry friction: a torque that opposes motion at any speed; below it the joint sticks.
+    """Dry friction: a torque that opposes motion at any speed; at rest, the joint sticks below it.
 
     With MuJoCo's default constraints, a loaded joint creeps against its dry friction; with this
     effect, it sticks.

@@ -190,7 +190,7 @@ class ImuMounting(_ImuEffect):
 class ImuDelay(_ImuEffect):
     """Age of the base's orientation and angular velocity, compared with the encoders.
 
-    `longest` sizes the buffer.
+    `longest` sets the length of the buffer.
     """
 
     name = "imu_delay"

@@ -36,8 +36,8 @@ class _Dense(BoundEffect):
 class LinkMass(FieldEffect):
     """Mass of a body, at its centre of mass.
 
-    Its inertia does not change (`inertia: kept`, a load near the centre) or scales with the mass
-    (`scaled`, a different density).
+    Its inertia either stays the same (`inertia: kept`, a load near the centre) or scales with the
+    mass (`scaled`, a different density).
 
     Args:
         inertia: `kept` or `scaled`.
@@ -168,9 +168,10 @@ class _Shift(BoundEffect):
 
 
 class CenterOfMass(Effect):
-    """Shift of a body's centre of mass towards its child joint, or a leaf's farthest geom or site.
+    """Shift of a body's centre of mass towards its child joint.
 
-    The inertia about the centre of mass is unchanged.
+    Without a child joint the shift is towards the body's farthest geom or site. The inertia about
+    the centre of mass is unchanged.
     """
 
     name = "center_of_mass"
@@ -185,7 +186,7 @@ class CenterOfMass(Effect):
     comparable = True
     sizes = Sizes("signed", "length", 0.03, 1.2)
     symptom = "a pose-dependent sag, as with a wrong mass, but acceleration changes differently"
-    source = "rigid body; CAD models are off by 5 to 20 %"
+    source = "rigid-body dynamics; CAD models are wrong by 5 to 20 %"
     experiment = "torque-off swings: the period separates inertia from gravity's lever arm"
     group = PLAIN
     law = _Shift
@@ -266,7 +267,7 @@ class Payload(Effect):
     comparable = True
     sizes = Sizes("add", "mass", 0.01, 2.5)
     symptom = "more sag and slower swings, most of all at the joints that lift the body"
-    source = "point mass: m r x and the parallel axis theorem"
+    source = "a point mass, by the parallel axis theorem"
     experiment = "holds with the arm stretched out, with and without the tool"
     group = PLAIN
     law = _Point

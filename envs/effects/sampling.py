@@ -115,7 +115,8 @@ class SamplingDelay(Measurement):
 class ObservationDelay(Effect):
     """Age of the measured positions and speeds.
 
-    Positions between control steps are interpolated by cubics. `longest` sizes the buffer.
+    Positions between control steps are interpolated by cubic polynomials. `longest` sets the length
+    of the buffer.
     """
 
     name = "observation_delay"
@@ -129,11 +130,13 @@ class ObservationDelay(Effect):
     no_mjcf = READ
     comparable = True
     sizes = Sizes("add", "one", 1e-3, 0.1)
-    symptom = "the log lags the commands, but the robot is not slower"
-    source = "y(t) = q(t - d): return delay, bus turnaround and the USB timer"
+    symptom = "the log lags behind the commands, but the robot does not"
+    source = (
+        "y(t) = q(t - d): the servo's return delay, the bus and the USB adapter's latency timer"
+    )
     experiment = (
-        "steps from rest, with a second, fast sensor; otherwise the same as command_delay"
-        " in an open-loop log"
+        "steps from rest, recorded by a second, fast sensor; without one, an open-loop log"
+        " cannot distinguish it from command_delay"
     )
     first_values = (0.003, 0.01, 0.03, 0.07)
     group = PLAIN

@@ -188,7 +188,7 @@ class SensorNoise(_SensorEffect):
     unit = "rad"
     typical = (0.0, 0.005)
     symptom = "readings that scatter while the joint rests"
-    source = "q + N(0, value²); 3 counts of 4096 reported for Dynamixel"
+    source = "q + N(0, value²); 3 of 4096 counts per turn reported for Dynamixel"
     experiment = "log a joint at rest"
     law = _Noise
 

@@ -117,14 +117,12 @@ class PositionGain(_Gain):
     comparable = True
     sizes = Sizes("factor", "one", 0.02, 1.2)
     factors = (0.02, 0.1, 0.5, 0.75, 1.3, 1.8)  # models are published with stand-ins such as 1000
-    symptom = (
-        "a static sag under load, and steps that are faster or slower, in proportion to the error"
-    )
+    symptom = "a static sag under load, and steps that are too fast or too slow for their size"
     source = (
         "tau = kp (goal - q); the unit of the gain register may differ from the manual's (by a"
         " factor of 2 in the XL330)"
     )
-    experiment = "steps and loaded holds at two gains; the PWM against the position error"
+    experiment = "steps and loaded holds at two gains; compare the PWM with the position error"
 
     @staticmethod
     def can(model: mujoco.MjModel, actuator: int) -> bool:
@@ -166,7 +164,7 @@ def limited(spec: mujoco.MjSpec, where: str | None) -> None:
 
 
 class TorqueLimit(FieldEffect, ActuatorEffect):
-    """The largest torque at the joint, in both directions, also for actuators without a limit."""
+    """The largest torque at the joint, in either direction, even if the model has no limit."""
 
     name = "torque_limit"
     place = "actuator"
@@ -176,7 +174,7 @@ class TorqueLimit(FieldEffect, ActuatorEffect):
     typical = (0.1, 5.0)
     comparable = True
     sizes = Sizes("limit", "stall", 1.05, 20.0)
-    symptom = "fast motions and heavy loads fall behind; slow motions and light loads do not"
+    symptom = "fast or heavily loaded motions lag; slow and lightly loaded motions do not"
     source = (
         "MuJoCo XML reference, actuator/forcerange; the servo's current limit times its"
         " torque constant"
@@ -312,7 +310,7 @@ class DeadZone(ActuatorEffect):
     symptom = "the servo stops a fixed angle short, whatever the gain, and its PWM is zero there"
     source = (
         "u = 0 if |e| < d, else kp (e - (1 - punch) d sign(e)); an XL430 stops 4 to 5 counts short "
-        "(answers.ros.org 303081); the compliance margin and punch of the AX-12's manual"
+        "(answers.ros.org 303081); compliance margin and punch in the AX-12's manual"
     )
     experiment = "very slow ramps without load, at two gains"
     limits = (0.0, np.inf)

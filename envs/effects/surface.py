@@ -53,7 +53,7 @@ class SurfaceFriction(_SurfaceEffect, FieldEffect):
     hows: ClassVar[tuple[How, ...]] = ("scale", "set")
     field = "geom_friction"
     typical = (0.5, 1.5)
-    symptom = "objects on it slip, or grip"
+    symptom = "objects on it slip more, or less, easily"
     source = "MuJoCo documentation, Computation, contact parameters: priority"
     experiment = "tilt it until an object on it slides"
 
@@ -111,7 +111,7 @@ class _Bounce(BoundEffect):
 
 
 class Restitution(_SurfaceEffect):
-    """Speed after a bounce on a geom, relative to the speed before it, at equal stiffness.
+    """Speed after a bounce on a geom, relative to the speed before; the stiffness is unchanged.
 
     The contact's damping is set accordingly, which is accurate if the time step resolves the
     contact.

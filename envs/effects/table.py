@@ -12,7 +12,7 @@ from envs.effects import EFFECTS, Effect
 INTRODUCTION = """# Effects
 
 An effect is a named way in which a robot differs from its model. Randomization draws its value, an
-evaluation sweeps it, and a diagnosis finds it. These pages are generated from the classes in
+evaluation sweeps it, and a diagnosis estimates it. These pages are generated from the classes in
 `envs/effects`.
 
 """
@@ -92,8 +92,8 @@ def _section(effect: type[Effect]) -> str:
         f"{_docstring(effect)}\n",
         f"* Symptom: {effect.symptom}.",
         f"* Isolate it: {effect.experiment}.",
-        f"* Equation, source: {effect.source}.",
-        f"* Typical: {low:g} to {high:g}{unit}; {hows}{sides}.",
+        f"* Equation and source: {effect.source}.",
+        f"* Typical values: {low:g} to {high:g}{unit}; how: {hows}{sides}.",
         *_extras(effect),
     ]
     return "\n".join(lines) + "\n"

@@ -12,14 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.effects import merge_effects
 from hardware.log import Log
 from sim2real.diagnosis.closed_loop.check import Drawn, LoadPlayer, closed_loop_of
 from sim2real.diagnosis.data.channels import channel_gaps, contradicting
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.design import design
 from sim2real.diagnosis.inference.conclusion import Conclusion
-from sim2real.diagnosis.numerics import NullTest, is_numerics
+from sim2real.diagnosis.numerics import is_numerics
 from sim2real.diagnosis.outcome import Diagnosis, blocking_findings, intervals_of
 from sim2real.diagnosis.preflight.torques import measured_torques
 from sim2real.diagnosis.prepare import PreparedLogs
@@ -43,13 +42,12 @@ def added(found: Diagnosis, name: str, step: Step) -> Diagnosis:
         return found._replace(report=replace(found.report, failed=failed))
 
 
-def tested(
-    found: Diagnosis, prepared: PreparedLogs, null: NullTest, settings: Settings
-) -> Diagnosis:
+def tested(found: Diagnosis, prepared: PreparedLogs, settings: Settings) -> Diagnosis:
     """Say which causes are the simulator's numerics; these are left out of the files."""
     words, physical = dict(found.report.numerics), []
     for number, (cause, effect) in enumerate(zip(found.found, found.report.effects, strict=True)):
-        artefact = is_numerics(prepared.logs, prepared.specs, [cause], null, found.known, settings)
+        given = (found.report.numerics, found.known, settings)
+        artefact = is_numerics(prepared.logs, prepared.specs, [cause], *given)
         if artefact is None:
             physical.append(number)
         else:
@@ -70,19 +68,18 @@ def pictured(found: Diagnosis, made: Conclusion, data: Data, floors: np.ndarray)
         data: the windows.
         floors: noise floor of each joint [rad or m], (M,).
     """
-    models = [data.models[index] for index in data.which]
     pictures = traces(data, made.errors, floors)
-    evidence = replace(found.report.evidence, traces=pictures, signals=signals(data.logs, models))
+    evidence = replace(
+        found.report.evidence, traces=pictures, signals=signals(data.logs, data.log_models)
+    )
     return found._replace(report=replace(found.report, evidence=evidence))
 
 
 def witnessed(found: Diagnosis, data: Data) -> Diagnosis:
     """Add how far the channels that nothing was fitted to are off, and which speak against it."""
-    models = [data.models[index] for index in data.which]
-    pairs = list(zip(data.logs, models, strict=True))
+    pairs = list(zip(data.logs, data.log_models, strict=True))
     torque = measured_torques(pairs, data.settings.preflight)
-    every = merge_effects(found.known, found.found) if found.found else found.known
-    gaps = channel_gaps(data, found.known, every, torque)
+    gaps = channel_gaps(data, found.known, found.effects if found.found else None, torque)
     against = [Finding(*words) for words in contradicting(gaps, data.settings.preflight)]
     report, evidence = found.report, replace(found.report.evidence, channels=gaps)
     report = replace(report, preflight=(*report.preflight, *against), evidence=evidence)
@@ -109,8 +106,8 @@ def played(
     """
     if blocking_findings(found.report):
         return found
-    effects = merge_effects(found.known, found.found)
-    drawn = [Drawn(*one, ci) for one, ci in zip(effects, intervals_of(found), strict=True)]
+    pairs = zip(found.effects, intervals_of(found), strict=True)
+    drawn = [Drawn(*one, ci) for one, ci in pairs]
     loop = closed_loop_of(logs, load_player, actor, drawn, seed, settings.closed_loop)
     return found._replace(report=replace(found.report, closed_loop=loop))
 

@@ -18,24 +18,14 @@ from dataclasses import replace
 from functools import partial
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
 
 from envs.effects import load_effects
-from envs.plant import Fixed
 from envs.replay import without_impedance
 from hardware.log import Log, read_logs
-from sim2real.diagnosis.additions import (
-    Step,
-    added,
-    pictured,
-    planned,
-    played,
-    tested,
-    witnessed,
-)
+from sim2real.diagnosis.additions import Step, added, pictured, planned, played, tested, witnessed
 from sim2real.diagnosis.closed_loop.check import LoadPlayer
 from sim2real.diagnosis.contract.logged import LoadPolicy, check_beforehand
 from sim2real.diagnosis.data.dataset import Data
@@ -44,13 +34,12 @@ from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.evidence import Evidence
 from sim2real.diagnosis.experiments.apart import Member
 from sim2real.diagnosis.inference.candidates import check_names
-from sim2real.diagnosis.inference.conclusion import Conclusion
 from sim2real.diagnosis.inference.grip import check_grip
-from sim2real.diagnosis.inference.run import About, Causes, find_causes
+from sim2real.diagnosis.inference.run import About, find_causes
 from sim2real.diagnosis.numerics import null_test
 from sim2real.diagnosis.outcome import Diagnosis
 from sim2real.diagnosis.prepare import prepare
-from sim2real.diagnosis.report.link import links
+from sim2real.diagnosis.report.provenance import links
 from sim2real.diagnosis.schema import Report
 from sim2real.diagnosis.settings import DEFAULT, Settings, rows
 from sim2real.diagnosis.whole_replay import replayed
@@ -136,28 +125,42 @@ def run_diagnosis(
     made, data, floors = found.made, found.data, found.baseline.floors
     if prepared.restart is not None:
         findings += check_grip(found.judgement.judge.replayer, found.baseline.floor)
-    null = null_test(prepared.logs, prepared.specs, fixed, settings)
+    numerics = null_test(prepared.logs, prepared.specs, fixed, settings)
     on_progress("telling what was found", TELLING)
     inputs = _inputs(data, found.judgement.judge.fold, model, seed, exclude)
-    inputs["physics steps"] = dict(about.work.steps.most_common())
+    inputs["physics steps"] = about.work.steps
     if interface.verdict is not None:
         inputs["policy's interface"] = interface.verdict.replace("_", " ")
     report = replace(
         made.report,
         preflight=(*findings, *made.report.preflight),
-        numerics=dict(null.words) or {"timestep": "ok"},
+        numerics=numerics or {"timestep": "ok"},
         seconds=time.monotonic() - start,
         failed=(*interface.failed, *made.report.failed),
-        evidence=_evidence(made, data, inputs),
+        evidence=Evidence(
+            ladder=made.ladder,
+            singles=made.singles,
+            bands=made.bands,
+            settings=tuple(rows(data.settings)),
+            correlations=made.correlations,
+            inputs=inputs,
+        ),
     )
-    outcome = _outcome(report, found, fixed)
-    kept = {"logs": prepared.logs, "specs": prepared.specs, "driven": prepared.driven}
-    whole = partial(replayed, **kept, settings=settings.hunting)
+    outcome = Diagnosis(
+        report,
+        made.found,
+        without_impedance(data.specs[0]),
+        made.intervals,
+        tuple(fixed),
+        tuple(Member(*one) for one in made.alike),
+        {joint.name: float(f) for joint, f in zip(data.joints, floors, strict=True)},
+    )
+    whole = partial(replayed, prepared=prepared, settings=settings.hunting)
     outcome = added(outcome, "the replay of whole recordings", whole)
     if on_verdict is not None:
         on_verdict(outcome)
     steps: dict[str, Step] = {
-        "the causes' test for numerics": lambda d: tested(d, prepared, null, settings),
+        "the causes' test for numerics": lambda d: tested(d, prepared, settings),
         "the pictures of recordings": lambda d: pictured(d, made, data, floors),
         "the other channels": lambda d: witnessed(d, data),
         "the closed loop": lambda d: played(d, logs, load_player, actor, seed, settings),
@@ -167,33 +170,6 @@ def run_diagnosis(
         outcome = added(outcome, name, step)
     on_progress("done", 1.0)
     return outcome._replace(report=replace(outcome.report, seconds=time.monotonic() - start))
-
-
-def _evidence(made: Conclusion, data: Data, inputs: dict[str, Any]) -> Evidence:
-    """Return what the report shows, but for pictures of recordings."""
-    return Evidence(
-        (),
-        made.ladder,
-        made.singles,
-        made.bands,
-        settings=tuple(rows(data.settings)),
-        correlations=made.correlations,
-        inputs=inputs,
-    )
-
-
-def _outcome(report: Report, found: Causes, fixed: Sequence[Fixed]) -> Diagnosis:
-    """Return a report with what programs need of the fit behind it."""
-    made, data, floors = found.made, found.data, found.baseline.floors
-    return Diagnosis(
-        report,
-        made.found,
-        without_impedance(data.specs[0]),
-        made.intervals,
-        tuple(fixed),
-        tuple(Member(*one) for one in made.alike),
-        {joint.name: float(f) for joint, f in zip(data.joints, floors, strict=True)},
-    )
 
 
 def _sha256(path: Path) -> str:

@@ -21,57 +21,37 @@ Pair = tuple[float, float]
 class Trace:
     """One joint in one episode, as measured and as simulated: what the gap's numbers are made of.
 
-    Args:
-        log: name of the log's file.
-        episode: its number in the log.
-        joint: the joint.
-        unit: rad or m.
-        time: s, (T,).
-        measured: (T,).
-        nominal: replayed in the model as given, (T,); NaN where nothing is compared.
-        corrected: replayed with the causes, (T,); no value was fitted to the rows it is shown in.
-        floor: noise floor of this joint.
-        starts: rows at which the replay starts again from the measured state, (n,).
-        subsets: replayed with only these causes (their places in `Report.causes`), fitted anew,
-            (T,) each; {} where not all subsets were tried.
+    What was simulated is NaN where nothing is compared.
     """
 
-    log: str
-    episode: int
+    log: str  # name of the log's file
+    episode: int  # its number in the log
     joint: str
-    unit: str
-    time: np.ndarray
-    measured: np.ndarray
-    nominal: np.ndarray
-    corrected: np.ndarray
-    floor: float
+    unit: str  # rad or m
+    time: np.ndarray  # (T,) s
+    measured: np.ndarray  # (T,)
+    nominal: np.ndarray  # (T,) replayed in the model as given
+    corrected: np.ndarray  # (T,) replayed with the causes; no value was fitted to its rows
+    floor: float  # noise floor of this joint
     starts: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    """Rows at which the replay starts again from the measured state, (n,)."""
     subsets: Mapping[frozenset[int], np.ndarray] = field(default_factory=dict)
+    """Replayed with only these causes (their places in `Report.causes`), fitted anew, (T,) each;
+    {} where not all subsets were tried."""
 
 
 @dataclass(frozen=True)
 class Signal:
-    """What else was logged in one episode of an actuator.
+    """What else was logged in one episode of an actuator."""
 
-    Args:
-        log: name of the log's file.
-        episode: its number in the log.
-        kind: command, current or voltage.
-        actuator: its name.
-        unit: rad, m, A or V; "" for a command that is no position.
-        joint: whose position a command is; None for none.
-        time: s, (T,).
-        values: (T,).
-    """
-
-    log: str
-    episode: int
+    log: str  # name of the log's file
+    episode: int  # its number in the log
     kind: Kind
     actuator: str
-    unit: str
-    joint: str | None
-    time: np.ndarray
-    values: np.ndarray
+    unit: str  # rad, m, A or V; "" for a command that is no position
+    joint: str | None  # whose position a command is; None for none
+    time: np.ndarray  # (T,) s
+    values: np.ndarray  # (T,)
 
 
 @dataclass(frozen=True)
@@ -85,11 +65,7 @@ class Rung:
 
 @dataclass(frozen=True)
 class SingleFit:
-    """One effect alone: its value and the share of the closable gap that it closes.
-
-    `ci` is that share's 90 % interval; None where the effect was not fitted but only screened: then
-    value and share are estimates.
-    """
+    """One effect alone: its value, and the share of the closable gap that it closes."""
 
     effect: str
     where: str | None
@@ -97,7 +73,7 @@ class SingleFit:
     value: float
     unit: str
     closed: float
-    ci: Pair | None
+    ci: Pair  # its 90 % interval
 
 
 @dataclass(frozen=True)
@@ -114,46 +90,26 @@ class Band:
 
 @dataclass(frozen=True)
 class ChannelGap:
-    """How far the simulation is from a channel that nothing was fitted to, root mean square.
+    """How far the simulation is from a channel that nothing was fitted to, root mean square."""
 
-    Args:
-        column: of the log.
-        unit: of the numbers.
-        noise: of the channel itself.
-        before: with the model as given.
-        after: with the causes.
-    """
-
-    column: str
-    unit: str
-    noise: float
-    before: float
-    after: float
+    column: str  # of the log
+    unit: str  # of the numbers
+    noise: float  # of the channel itself
+    before: float  # with the model as given
+    after: float  # with the causes
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the pictures show and `report.json` does not hold.
+    """What the pictures show and `report.json` does not hold."""
 
-    Args:
-        traces: every joint of every episode.
-        ladder: before, after each effect that was added, all together; the last one is the floor.
-        singles: every effect alone: the causes in their order, then those that were fitted, then
-            those that were screened, best first.
-        bands: joint by joint, low frequencies first.
-        inputs: names of logs and models, seed, versions, how the data was divided.
-        settings: every number that steered the answer.
-        signals: commands, currents and voltages of every episode.
-        channels: every channel other than the positions.
-        correlations: the correlations of the causes' first values over resampled blocks, (n, n).
-    """
-
-    traces: tuple[Trace, ...] = ()
-    ladder: tuple[Rung, ...] = ()
-    singles: tuple[SingleFit, ...] = ()
-    bands: tuple[Band, ...] = ()
-    inputs: Mapping[str, Any] = field(default_factory=dict)
-    settings: tuple[Row, ...] = ()
-    signals: tuple[Signal, ...] = ()
+    traces: tuple[Trace, ...] = ()  # every joint of every episode
+    ladder: tuple[Rung, ...] = ()  # before, after each added effect, all together; the floor
+    singles: tuple[SingleFit, ...] = ()  # every effect that was fitted alone, the best first
+    bands: tuple[Band, ...] = ()  # joint by joint, low frequencies first
+    inputs: Mapping[str, Any] = field(default_factory=dict)  # names, seed, versions, folds
+    settings: tuple[Row, ...] = ()  # every number that steered the answer
+    signals: tuple[Signal, ...] = ()  # commands, currents and voltages of every episode
     correlations: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    channels: tuple[ChannelGap, ...] = ()
+    """The correlations of the causes' first values over resampled blocks, (n, n)."""
+    channels: tuple[ChannelGap, ...] = ()  # every channel other than the positions

@@ -1,8 +1,7 @@
 """Whether a gap, or what closes it, is the simulator's own doing and not the robot's.
 
-    test = null_test(logs, specs)
-    test.words                                      # {"timestep": "ok", "friction": "…", ...}
-    is_numerics(logs, specs, cause, test)           # None, or why the cause is none
+    words = null_test(logs, specs)                  # {"timestep": "ok", "friction": "…", ...}
+    is_numerics(logs, specs, cause, words)          # None, or why the cause is none
 
 Four things that no robot has are changed in the model: half the timestep, a tighter solver, dry
 friction that does not creep (`solimpfriction`; MuJoCo's default lets a joint that is held by
@@ -11,7 +10,6 @@ changes with them is partly numerics, and so is an effect whose gain vanishes on
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -20,6 +18,7 @@ from envs.effects import merge_effects
 from envs.effects.friction import STIFF_SOLIMP
 from envs.plant import Fixed
 from hardware.log import Log
+from sim2real.diagnosis.data.pairs import scalars
 from sim2real.diagnosis.data.recording import shorten
 from sim2real.diagnosis.data.trial import Piece, choose, trial
 from sim2real.diagnosis.settings import DEFAULT, Numerics, Settings
@@ -28,56 +27,33 @@ ARMATURE = 5e-4  # kg m^2: below that of the smallest servo (XL-320, 1.1e-3)
 FINE = float(np.finfo(float).eps)  # improvement below which a solver has nothing left to do
 
 
-class NullTest(NamedTuple):
-    """What the replayed gap does when the simulator's numerics are made better.
-
-    Args:
-        gap: the gap with the model as given, relative to the joints' motion.
-        gaps: the same with each change.
-        moved: how far the replay moves with each change, of the joints' motion.
-        words: "ok", or what was found, by the name of the change.
-    """
-
-    gap: float
-    gaps: Mapping[str, float]
-    moved: Mapping[str, float]
-    words: Mapping[str, str]
-
-    @property
-    def needed(self) -> tuple[str, ...]:
-        """Numerical changes without which the replay is inaccurate."""
-        return tuple(name for name, word in self.words.items() if word != "ok")
-
-
 def null_test(
     logs: Sequence[Log],
     specs: Sequence[mujoco.MjSpec],
     fixed: Sequence[Fixed] = (),
     settings: Settings = DEFAULT,
-) -> NullTest:
-    """Replay pieces of logs in models with better numerics.
+) -> dict[str, str]:
+    """Return "ok", or what replays of pieces say, of each change that makes numerics better.
 
     Args:
         logs: the logs.
         specs: the model of each.
         fixed: effects that are in the model already.
-        settings: the changes, and which of their results count.
+        settings: which results of the changes count.
     """
     pieces = choose(logs, settings.simulation.piece_s, settings.simulation.pieces)
-    if not pieces:
-        return NullTest(0.0, {}, {}, {})
-    gap, nominal = _replayed(pieces, specs, fixed, settings)
-    gaps, moved, words = {}, {}, {}
-    for name in VARIANTS:
-        if all(not _applies(name, specs[one.number]) for one in pieces):
+    measured, given, words = _measured(pieces), _replayed(pieces, specs, fixed), {}
+    gap = _distance(given, measured, measured, settings)
+    for name, (_, what) in VARIANTS.items():
+        if not any(_applies(name, specs[one.number]) for one in pieces):
             continue
-        changed = [better(spec, (name,)) for spec in specs]
-        gaps[name], paths = _replayed(pieces, changed, fixed, settings)
-        moved[name] = _distance(pieces, specs, nominal, paths, settings)
-        words[name] = _words(VARIANTS[name][1], gap, gaps[name], moved[name], settings.numerics)
-        if name == "armature" and (words["timestep"] == "ok" or gaps[name] > gap):
+        paths = _replayed(pieces, [better(spec, (name,)) for spec in specs], fixed)
+        changed = _distance(paths, measured, measured, settings)
+        moved = _distance(paths, given, measured, settings)
+        words[name] = _words(what, gap, changed, moved, settings.numerics)
+        if name == "armature" and (words["timestep"] == "ok" or changed > gap):
             words[name] = "ok"  # inertia is physics, unless the step is too long without it
-    return NullTest(gap, gaps, moved, words)
+    return words
 
 
 def better(spec: mujoco.MjSpec, names: Sequence[str]) -> mujoco.MjSpec:
@@ -92,7 +68,7 @@ def is_numerics(
     logs: Sequence[Log],
     specs: Sequence[mujoco.MjSpec],
     cause: Sequence[Fixed],
-    test: NullTest,
+    words: Mapping[str, str],
     fixed: Sequence[Fixed] = (),
     settings: Settings = DEFAULT,
 ) -> str | None:
@@ -102,26 +78,30 @@ def is_numerics(
         logs: the logs.
         specs: the model of each.
         cause: the effect with its fitted values.
-        test: of the same logs and models, with the same `fixed`: what a stiff model hides shows
-            once its gain is right.
+        words: of the null test of the same logs and models, with the same `fixed`: what a stiff
+            model hides shows once its gain is right.
         fixed: effects that are in the model besides.
         settings: those of the test.
 
     Returns:
         A sentence, or None where the gain stays.
     """
-    if not test.needed:
+    needed = [name for name, word in words.items() if word != "ok"]
+    if not needed:
         return None
     pieces = choose(logs, settings.simulation.piece_s, settings.simulation.pieces)
-    clean = [better(spec, test.needed) for spec in specs]
+    measured = _measured(pieces)
     given, mended = (
-        [_replayed(pieces, models, merge_effects(fixed, more), settings)[0] for more in ((), cause)]
-        for models in (specs, clean)
+        [
+            _distance(_replayed(pieces, models, effects), measured, measured, settings)
+            for effects in (fixed, merge_effects(fixed, cause))
+        ]
+        for models in (specs, [better(spec, needed) for spec in specs])
     )
     gain, left = given[0] - given[1], mended[0] - mended[1]
     if gain <= 0 or left >= settings.numerics.gain_left * gain or mended[0] > given[0]:
         return None
-    changes = " and ".join(VARIANTS[name][1] for name in test.needed)
+    changes = " and ".join(VARIANTS[name][1] for name in needed)
     return (
         f"It closes {gain / given[0]:.0%} of the gap in the model as given, and "
         f"{max(left, 0.0) / mended[0]:.0%} with {changes}: this is the simulator's numerics, "
@@ -147,51 +127,40 @@ def _words(what: str, gap: float, changed: float, moved: float, settings: Numeri
     )
 
 
+def _measured(pieces: Sequence[Piece]) -> list[np.ndarray]:
+    """Return the logged hinges and slides of each piece, (T, M)."""
+    return [
+        np.column_stack([one.log.column(f"qpos.{name}") for name in scalars(one.log)])
+        for one in pieces
+    ]
+
+
 def _replayed(
-    pieces: Sequence[Piece],
-    specs: Sequence[mujoco.MjSpec],
-    fixed: Sequence[Fixed],
-    settings: Settings,
-) -> tuple[float, list[np.ndarray]]:
-    """The gap of all pieces, and what was simulated."""
-    paths, sizes = [], []
+    pieces: Sequence[Piece], specs: Sequence[mujoco.MjSpec], fixed: Sequence[Fixed]
+) -> list[np.ndarray]:
+    """Return what a replay makes of them, (T, M)."""
+    found = []
     for one in pieces:
-        spec = specs[one.number]
-        model = spec.copy().compile()
-        paths.append(trial(spec, [one.recording(model)], fixed=fixed)[0])
-        for joint, place in _joints(one, model):
-            measured = one.log.column(f"qpos.{joint}")
-            sizes.append(_size(paths[-1][:, place] - measured, measured, settings))
-    return float(np.sqrt(np.mean(np.square(sizes)))) if sizes else 0.0, paths
+        model = specs[one.number].copy().compile()
+        (path,) = trial(specs[one.number], [one.recording(model)], fixed)
+        found.append(path[:, [int(model.joint(name).qposadr[0]) for name in scalars(one.log)]])
+    return found
 
 
 def _distance(
-    pieces: Sequence[Piece],
-    specs: Sequence[mujoco.MjSpec],
-    one: Sequence[np.ndarray],
-    other: Sequence[np.ndarray],
+    paths: Sequence[np.ndarray],
+    others: Sequence[np.ndarray],
+    measured: Sequence[np.ndarray],
     settings: Settings,
 ) -> float:
-    """How far two sets of replays are apart, of the joints' motion."""
-    sizes = []
-    for cut, before, after in zip(pieces, one, other, strict=True):
-        model = specs[cut.number].copy().compile()
-        for joint, place in _joints(cut, model):
-            measured = cut.log.column(f"qpos.{joint}")
-            sizes.append(_size(after[:, place] - before[:, place], measured, settings))
-    return float(np.sqrt(np.mean(np.square(sizes)))) if sizes else 0.0
-
-
-def _size(error: np.ndarray, measured: np.ndarray, settings: Settings) -> float:
-    most = settings.simulation.error_max
-    size = float(np.sqrt(np.mean(error**2)) / max(measured.std(), settings.preflight.moved))
-    return min(size, most) if np.isfinite(size) else most
-
-
-def _joints(one: Piece, model: mujoco.MjModel) -> list[tuple[str, int]]:
-    """The logged hinges and slides, and where they stand in qpos."""
-    names = [(model.joint(i).name, int(model.jnt_qposadr[i])) for i in range(model.njnt)]
-    return [(name, place) for name, place in names if f"qpos.{name}" in one.log.columns]
+    """Return how far pieces (T, M) are apart, of the joints' measured motion."""
+    sizes = [np.zeros(0)]
+    for path, other, own in zip(paths, others, measured, strict=True):
+        motion = np.maximum(own.std(axis=0), settings.preflight.moved)
+        size = np.sqrt(np.mean((path - other) ** 2, axis=0)) / motion
+        sizes.append(np.fmin(size, settings.simulation.error_max))  # NaN: it diverged
+    every = np.concatenate(sizes)
+    return float(np.sqrt(np.mean(every**2))) if every.size else 0.0
 
 
 def _applies(name: str, spec: mujoco.MjSpec) -> bool:

@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import mujoco
 
-from envs.effects import merge_effects, write_effects
+from envs.effects import Effect, merge_effects, write_effects
+from envs.effects.file import Values
 from envs.plant import Fixed
 from sim2real.diagnosis.experiments.apart import Member
 from sim2real.diagnosis.preflight.checks import BLOCKING, NOTES
@@ -32,6 +33,11 @@ class Diagnosis(NamedTuple):
     equivalents: tuple[Member, ...] = ()  # explanations that the logs cannot tell apart
     floors: Mapping[str, float] = MappingProxyType({})  # noise of each joint [rad or m]
 
+    @property
+    def effects(self) -> list[tuple[Effect, Values]]:
+        """What was in the model before and the causes, as one list."""
+        return merge_effects(self.known, self.found)
+
 
 def write(found: Diagnosis, out: Path) -> None:
     """Write all files of a diagnosis into a folder, the report first.
@@ -43,9 +49,8 @@ def write(found: Diagnosis, out: Path) -> None:
     found.report.write(out / "report.json")
     write_html(out / "report.html", found.report)
     if not blocking_findings(found.report):
-        effects = merge_effects(found.known, found.found)
-        write_effects(out / "effects.yaml", effects, intervals_of(found))
-        write_model(found.spec, effects, out / "model.xml")
+        write_effects(out / "effects.yaml", found.effects, intervals_of(found))
+        write_model(found.spec, found.effects, out / "model.xml")
 
 
 def blocking_findings(report: Report) -> list[Finding]:

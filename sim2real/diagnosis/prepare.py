@@ -17,7 +17,7 @@ from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.kinds import refuse_kinds
 from sim2real.diagnosis.data.progress import Progress
 from sim2real.diagnosis.data.recording import load_model
-from sim2real.diagnosis.data.refuse import refuse_clock, refuse_sparse
+from sim2real.diagnosis.data.refuse import refuse_clock
 from sim2real.diagnosis.ground.estimate import estimate_all
 from sim2real.diagnosis.ground.findings import check_ground
 from sim2real.diagnosis.ground.pushes import check_pushes
@@ -30,24 +30,15 @@ from sim2real.diagnosis.settings import Settings
 
 
 class PreparedLogs(NamedTuple):
-    """Logs before any cause is looked for.
+    """Logs before any cause is looked for."""
 
-    Args:
-        logs: without what obstructed or hunting moments would spoil.
-        data: their windows.
-        specs: the model of each log.
-        driven: the joint that each actuator drives by desired positions.
-        findings: of preflight.
-        restart: makes the windows anew with effects in the model, where nobody measured the base;
-            else None.
-    """
-
-    logs: Sequence[Log]
-    data: Data
-    specs: list[mujoco.MjSpec]
-    driven: dict[str, str]
-    findings: list[Finding]
+    logs: Sequence[Log]  # without what obstructed or hunting moments would spoil
+    data: Data  # their windows
+    specs: list[mujoco.MjSpec]  # the model of each log
+    driven: dict[str, str]  # the joint that each actuator drives by desired positions
+    findings: list[Finding]  # of preflight
     restart: Callable[[Sequence[Fixed]], Data] | None
+    """Makes the windows anew with effects in the model, where nobody measured the base."""
 
 
 def prepare(
@@ -71,7 +62,6 @@ def prepare(
     """
     for log in logs:
         refuse_clock(log, settings)
-        refuse_sparse(log, settings)
     driven = _driven(logs, model)
     logs, held = mark_blocked(logs, driven, settings)
     logs, hunts = mark_hunting(logs, driven, settings.hunting)
@@ -85,12 +75,11 @@ def prepare(
     specs = [data.specs[index] for index in data.which]
     for log, spec in zip(logs, specs, strict=True):
         refuse_kinds(log, spec, settings)
-    models = [data.models[index] for index in data.which]
     findings = [
         *held,
         *hunts,
         *preflight(logs, specs, settings),
-        *check_ground(estimates, models, settings.ground),
+        *check_ground(estimates, data.log_models, settings.ground),
         *check_pushes(data, estimates, settings.ground),
     ]
     restart = partial(grounded, given, estimates) if estimates else None

@@ -43,23 +43,19 @@ class GapMetrics:
     """Error of the simulation: root mean square over joints and held-out rows.
 
     Args:
-        unit: rad or m; "spread" if the robot has both kinds of joints (1: the spread of a joint's
-            motion).
-        before: the gap with the model as given.
-        after: the gap with the causes in the model; None if there is no gap.
-        noise_floor: the part of the gap that is sensor noise.
-        closed: fraction of the closable gap that is closed; None if there is no gap.
-        closed_ci: its 90 % interval, by a block bootstrap.
-        held_out: whether the segments were held out from every fit.
+        unit: rad or m; "spread" if the robot has both kinds of joints: errors are then relative to
+            the standard deviation of a joint's positions.
+        closed: fraction of the closable gap, `before` minus `noise_floor`, that is closed; None if
+            there is no gap.
     """
 
     unit: str
-    before: float
-    after: float | None
-    noise_floor: float
+    before: float  # the error with the model as given, which is the gap
+    after: float | None  # the error with the causes in the model; None if there is no gap
+    noise_floor: float  # the part of the error that is sensor noise
     closed: float | None
-    closed_ci: Pair | None
-    held_out: bool
+    closed_ci: Pair | None  # 90 % interval of `closed`, by a block bootstrap
+    held_out: bool  # whether the rows were held out from every fit
 
 
 @dataclass(frozen=True)
@@ -67,33 +63,29 @@ class WholeReplay:
     """Error of `sim2real replay` on the same logs: root mean square over all joints and rows.
 
     Whole episodes from their starts, nothing held out or left out; [rad], of slides [m].
-
-    Args:
-        before: the error with the model as given; None if it diverges.
-        after: the error with `effects.yaml`; None if it diverges or there are no causes.
     """
 
-    before: float | None
-    after: float | None
+    before: float | None  # the error with the model as given; None if it diverges
+    after: float | None  # the error with `effects.yaml`; None if it diverges or there are no causes
 
 
 @dataclass(frozen=True)
 class Regime:
-    """A kind of motion and its fraction of a joint's gap."""
+    """A regime of motion, and its fraction of a joint's gap."""
 
-    name: str  # such as `reversal` or `hold`
-    share: float  # its fraction of the joint's gap
+    name: str  # name of the regime, such as `reversal` or `hold`
+    share: float  # fraction of the joint's gap in this regime
 
 
 @dataclass(frozen=True)
 class JointGap:
     """A joint's fraction of the gap, and its errors."""
 
-    joint: str  # its name
-    share: float  # its fraction of the gap
-    before: float  # its error with the model as given [rad or m]
-    after: float | None = None  # its error with the causes in the model; None if there are none
-    regimes: tuple[Regime, ...] = ()  # kinds with a larger fraction of the gap than of the time
+    joint: str  # name of the joint
+    share: float  # fraction of the gap at this joint
+    before: float  # RMS error with the model as given [rad or m]
+    after: float | None = None  # RMS error with the causes in the model; None if there are none
+    regimes: tuple[Regime, ...] = ()  # regimes with more of the gap than of the time
 
 
 @dataclass(frozen=True)
@@ -101,41 +93,39 @@ class Equivalent:
     """An effect that the data cannot distinguish from a cause.
 
     Args:
-        effect: its standard name.
-        where: its location.
         inseparable: whether no recording of commands and positions can distinguish it from the
-            cause or another equivalent.
-        kind: see `Cause`.
+            cause or from another equivalent.
     """
 
-    effect: str
-    where: str | None
+    effect: str  # name of the effect
+    where: str | None  # its location, as in `Cause`
     inseparable: bool = False
-    kind: Kind = "robot"
+    kind: Kind = "robot"  # as in `Cause`
 
 
 @dataclass(frozen=True)
 class Cause:
-    """An effect that the robot has and the model lacks, or one of many fitted values.
+    """A cause of the gap: an effect, a mistake in the log, or an external influence.
 
     Args:
-        effect: its standard name.
-        where: joint, actuator or geom; for a body effect the joint that moves the body; None: the
+        effect: name of the effect.
+        where: joint, actuator or geom; for an effect on a body, the joint that moves it; None: the
             whole robot.
-        side: for backlash and compliance, the side of the servo's and the log's encoder.
-        value: the value in `unit`; the first of several.
-        value_ci: its 90 % interval.
-        unit: SI, "" for a factor.
-        extra: further scalars of the effect, and the `body` that it acts on.
-        confidence: probability that this effect, or an equivalent, is at this location.
-        closed: fraction of the closable gap that it closes, among all causes (Shapley value).
-        form: `contradicted` if it helps some held-out parts and harms others.
-        equivalent: effects that the data cannot distinguish from it, at most two separable ones.
+        side: for backlash and compliance, the side (motor or link) of the servo's encoder.
+        value: fitted value in `unit`; of several, such as a tilt's, the largest.
+        value_ci: 90 % interval of `value`.
+        unit: SI unit; "" for a factor.
+        extra: further parameters and options of the effect, and the `body` on which it acts.
+        confidence: probability that this effect, or an equivalent, exists at this location.
+        closed: fraction of the closable gap that it closes (Shapley value among all causes).
+        form: `holds`; in older reports also `contradicted`: it improves only some held-out rows.
+        equivalent: effects that the data cannot distinguish from it, at most two.
         shared: whether one value holds for all joints or actuators.
-        encoder: side of the log's encoder if it differs from `side`; otherwise None.
-        kind: `robot` (an effect, written to `effects.yaml`), `log` or `world`.
-        seconds: when it acts in an episode; None: throughout.
-        remedy: how to fix the log; None for other kinds.
+        encoder: side of the log's encoder, if it differs from `side`; otherwise None.
+        kind: `robot` (an effect, written to `effects.yaml`), `log` (a mistake in the log) or
+            `world` (an external influence, such as a push).
+        seconds: start and end of its action in an episode [s]; None: throughout.
+        remedy: how to correct the log, if `kind` is `log`; otherwise None.
     """
 
     effect: str
@@ -158,102 +148,97 @@ class Cause:
 
 @dataclass(frozen=True)
 class Unexplained:
-    """The remaining gap."""
+    """The part of the gap that the causes do not close."""
 
-    share: float  # its fraction of the closable gap
-    structure: str  # where the remaining error is largest; "none": it looks like noise
+    share: float  # remaining fraction of the closable gap
+    structure: str  # where the remaining error is largest; "none" if it looks like noise
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A finding of the preflight, and its remedy."""
+    """A finding of the preflight checks, and its remedy."""
 
     check: str  # name of the check
     where: str | None  # joint, actuator or column; None: the whole log
     finding: str  # what the check found, as a sentence
-    fix: str  # how to fix it
+    fix: str  # the remedy, as a sentence
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number and its 90 % interval, by subsampling of episodes."""
+    """An estimate and its 90 % interval, from resampled episodes."""
 
-    value: float  # the number
-    ci: Pair  # its interval
+    value: float  # the estimate
+    ci: Pair  # its 90 % interval
 
 
 @dataclass(frozen=True)
 class Distance:
-    """Distance between the robot's measurements in closed loop and a simulator's.
+    """Distances between the robot's measurements and those of a simulator, in closed loop.
 
     Args:
-        measure: `sliced_wasserstein` (in deviations of each channel) or `mmd`.
-        floor: between two halves of the robot's own episodes.
-        nominal: between the robot and the training simulator.
-        corrected: between the robot and that simulator with the effects; None without effects.
-        nearer: nominal minus corrected; None without effects.
+        measure: `sliced_wasserstein` (in standard deviations of the channels), or `mmd` (maximum
+            mean discrepancy).
+        corrected: distance between the robot and the corrected simulator; None without effects.
     """
 
     measure: str
-    floor: Estimate
-    nominal: Estimate
+    floor: Estimate  # distance between two halves of the robot's own episodes
+    nominal: Estimate  # distance between the robot and the simulator as given
     corrected: Estimate | None
-    nearer: Estimate | None
+    nearer: Estimate | None  # `nominal` minus `corrected`; None without effects
 
 
 @dataclass(frozen=True)
 class Returns:
-    """Mean return of an episode, on the robot and in both simulators."""
+    """Mean returns of the policy, on the robot and in both simulators."""
 
-    robot: Estimate  # on the robot
-    nominal: Estimate  # in the training simulator
-    corrected: Estimate | None  # in that simulator with the effects; None without effects
+    robot: Estimate  # mean return on the robot
+    nominal: Estimate  # mean return in the simulator as given
+    corrected: Estimate | None  # mean return in the corrected simulator; None without effects
 
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """The policy on the robot, in the simulator as given and in the corrected simulator.
+    """Comparison of the robot with both simulators while the policy controls them.
 
     Args:
-        policy: its file.
-        channels: columns that are compared; `gravity.<site>` stands for an orientation.
-        episodes: episodes of the robot.
-        simulated: episodes in each simulator.
-        verdict: by the first distance. `within_floor`: as close to the robot as the robot to
-            itself; `nearer`, `as_far`, `farther`: the corrected simulator, compared with the one as
-            given; `apart`: no effects, and beyond the floor.
-        distances: sliced Wasserstein, then maximum mean discrepancy.
-        returns: None if the log lacks what the reward needs.
+        verdict: result for the first distance. `within_floor`: the corrected simulator is as close
+            to the robot as the robot is to itself; `nearer`, `as_far`, `farther`: the distance of
+            the corrected simulator, compared with that of the simulator as given; `apart`: without
+            effects, a distance above the floor.
     """
 
-    policy: str
-    channels: tuple[str, ...]
-    episodes: int
-    simulated: int
+    policy: str  # file or run folder of the policy
+    channels: tuple[str, ...]  # compared columns; `gravity.<site>` represents an orientation
+    episodes: int  # number of episodes on the robot
+    simulated: int  # number of episodes in each simulator
     verdict: ClosedLoopVerdict
-    distances: tuple[Distance, ...]
-    returns: Returns | None = None
+    distances: tuple[Distance, ...]  # sliced Wasserstein distance, then maximum mean discrepancy
+    returns: Returns | None = None  # mean returns; None if the log lacks an input of the reward
 
 
 @dataclass(frozen=True)
 class Report:
-    """A diagnosis's answer, schema 3.
+    """The result of a diagnosis, schema 3.
 
     Args:
-        verdict: `no_gap`, `explained`, `partly_explained`, `fitted` or `unexplained`.
-        gap: size of the gap, before and after.
+        verdict: `no_gap`, `explained`, `partly_explained` or `unexplained`; in older reports also
+            `fitted`.
+        gap: size of the gap, before and after the causes are added to the model.
         where: joints, sorted by their fraction of the gap.
-        causes: causes, sorted by the fraction that each closes.
+        causes: causes, sorted by the fraction of the gap that each closes.
         unexplained: the remaining gap.
-        preflight: findings of the preflight.
-        numerics: numerical tests of the simulator: "ok", or the result.
-        next_experiment: recording that separates equivalent causes.
-        failed: what could not be added after the verdict, and why.
-        fitted: more than four values, which are not causes (schema 2).
-        calibrated: exam that `confidence` was calibrated on; None: none.
-        seconds: duration of the diagnosis.
-        replay: `sim2real replay` of the same logs; None in older reports.
-        closed_loop: the policy in both simulators; None if the logs name no policy.
+        preflight: findings of the preflight checks.
+        numerics: tests of the simulator's numerics by name: "ok", or the result as a sentence.
+        next_experiment: recommended recording that would distinguish equivalent causes; None if
+            there are none.
+        failed: results that could not be computed after the verdict, and why.
+        fitted: fitted values if there are more than four, too many to be causes (schema 2).
+        calibrated: exam with which `confidence` was calibrated; None: not calibrated.
+        seconds: computing time of the diagnosis [s].
+        replay: error of `sim2real replay` on the same logs; None in older reports.
+        closed_loop: comparison of the policy's closed loops; None if the logs name no policy.
         evidence: data of the plots; not in `report.json`.
     """
 

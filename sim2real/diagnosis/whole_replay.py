@@ -1,6 +1,6 @@
 """Whole recordings, replayed from their first rows: how far off they are, and whether loops hunt.
 
-    found = replayed(found, logs, specs, driven)        # report.replay; findings; the verdict
+    found = replayed(found, prepared)        # report.replay; findings; the verdict
 
 A model that runs off has no replay, and what it says of hunting is left out.
 """
@@ -9,14 +9,11 @@ import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-import mujoco
-
-from envs.effects import merge_effects
 from envs.plant import Fixed
-from hardware.log import Log
 from sim2real.diagnosis.data.replay import Gap, measure_all, summary
 from sim2real.diagnosis.outcome import Diagnosis
 from sim2real.diagnosis.preflight.hunting import hunts_alone, tell_simulated
+from sim2real.diagnosis.prepare import PreparedLogs
 from sim2real.diagnosis.schema import Verdict, WholeReplay
 from sim2real.diagnosis.settings import DEFAULT, Hunting
 from sim2real.runs.errors import Sim2RealError
@@ -26,11 +23,7 @@ LESS: Mapping[Verdict, Verdict] = {"explained": "partly_explained", "no_gap": "u
 
 
 def replayed(
-    found: Diagnosis,
-    logs: Sequence[Log],
-    specs: Sequence[mujoco.MjSpec],
-    driven: Mapping[str, str],
-    settings: Hunting = DEFAULT.hunting,
+    found: Diagnosis, prepared: PreparedLogs, settings: Hunting = DEFAULT.hunting
 ) -> Diagnosis:
     """Add what `run=replay` says of the logs, with what was known and with what was found.
 
@@ -39,15 +32,12 @@ def replayed(
 
     Args:
         found: the diagnosis.
-        logs: its logs.
-        specs: the model of each.
-        driven: the joint that each actuator drives by desired positions.
+        prepared: its logs.
         settings: what counts as hunting.
     """
-    models = [("As given", _gaps(logs, specs, found.known))]
+    driven, models = prepared.driven, [("As given", _gaps(prepared, found.known))]
     if found.report.effects:
-        every = merge_effects(found.known, found.found)
-        models.append(("with the causes", _gaps(logs, specs, every)))
+        models.append(("with the causes", _gaps(prepared, found.effects)))
     rmse = [float(summary(gaps)["rmse"]) if gaps else None for _, gaps in models]
     replay = WholeReplay(rmse[0], rmse[1] if len(rmse) > 1 else None)
     report, last = found.report, models[-1][1]
@@ -58,12 +48,10 @@ def replayed(
     return found._replace(report=replace(report, replay=replay, preflight=checked, verdict=verdict))
 
 
-def _gaps(
-    logs: Sequence[Log], specs: Sequence[mujoco.MjSpec], effects: Sequence[Fixed]
-) -> list[Gap]:
+def _gaps(prepared: PreparedLogs, effects: Sequence[Fixed]) -> list[Gap]:
     """Return all logs replayed with effects; none where the model runs off."""
     try:
-        return measure_all(logs, specs, effects)
+        return measure_all(prepared.logs, prepared.specs, effects)
     except Sim2RealError as error:
         log_.info("no whole replay: %s", error)
         return []

@@ -25,7 +25,7 @@ from hardware.log import Log, read_logs
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.kinds import refuse_kinds
 from sim2real.diagnosis.data.recording import check_log, load_model
-from sim2real.diagnosis.data.refuse import refuse_clock, refuse_loose_base, refuse_sparse
+from sim2real.diagnosis.data.refuse import refuse_clock, refuse_loose_base
 from sim2real.diagnosis.data.replay import Gap, measure, write
 from sim2real.diagnosis.ground.estimate import estimate_all
 from sim2real.diagnosis.inference.run import find_mistakes
@@ -77,7 +77,6 @@ def _check(log: Log, spec: mujoco.MjSpec) -> None:
     model = spec.copy().compile()
     check_log(log, model)
     refuse_clock(log)
-    refuse_sparse(log)
     refuse_loose_base(log, model, log.joints)
     refuse_kinds(log, spec)
 

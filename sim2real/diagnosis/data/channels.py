@@ -19,14 +19,13 @@ from collections.abc import Iterator, Sequence
 import mujoco
 import numpy as np
 
-from envs.plant import Fixed, Plant
-from envs.replay import Schedule, schedule, simulate
+from envs.plant import Fixed
+from envs.replay import Schedule
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.noise_floor import reading_noise
-from sim2real.diagnosis.data.pairs import SCALAR
-from sim2real.diagnosis.data.simulate import actuated
+from sim2real.diagnosis.data.pairs import is_scalar
+from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.data.thermal import torques
-from sim2real.diagnosis.data.windows import Window
 from sim2real.diagnosis.evidence import ChannelGap
 from sim2real.diagnosis.settings import DEFAULT, TINY, Preflight
 
@@ -39,26 +38,24 @@ UNITS = {"qvel": "rad/s", "gyro": "rad/s", "accelerometer": "m/s²", "current": 
 
 
 def channel_gaps(
-    data: Data, known: Sequence[Fixed], found: Sequence[Fixed], torque: dict[str, str]
+    data: Data, known: Sequence[Fixed], found: Sequence[Fixed] | None, torque: dict[str, str]
 ) -> tuple[ChannelGap, ...]:
     """Return how far every channel but the positions is off, before and after.
 
     Args:
         data: the windows.
         known: effects that are part of the model.
-        found: the same and those that were found.
+        found: the same and those that were found; None where none were.
         torque: the column that is a measured torque or current of each actuator.
     """
     kinds = {column.partition(".")[0] for log in data.logs for column in log.columns}
     if not torque and not kinds & {"qvel", *SENSORS}:
         return ()
     before = _residuals(data, known, torque)
-    after = _residuals(data, found, torque) if found is not known else before
+    after = before if found is None else _residuals(data, found, torque)
     noise = {column: reading_noise(data.logs, column, data.settings) for column in before}
-    return tuple(
-        ChannelGap(column, _unit(column), noise[column], before[column], after[column])
-        for column in before
-    )
+    units = {column: UNITS.get(column.partition(".")[0], "N·m") for column in before}
+    return tuple(ChannelGap(c, units[c], noise[c], before[c], after[c]) for c in before)
 
 
 def contradicting(
@@ -77,32 +74,24 @@ def contradicting(
             )
 
 
-def _unit(column: str) -> str:
-    return UNITS.get(column.partition(".")[0], "N·m")
-
-
 def _residuals(data: Data, fixed: Sequence[Fixed], torque: dict[str, str]) -> dict[str, float]:
     """Return the root mean square residual of each column over the compared rows."""
-    both: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
-    for index in range(len(data.specs)):
-        windows = [window for window in data.windows if window.model == index]
-        if not windows:
-            continue
-        plant = Plant(data.specs[index], num_rows=len(windows), fixed=fixed)
-        dt = plant.model.opt.timestep
-        plans = [schedule(window.recording, dt) for window in windows]
-        motion = simulate(plant, plans)
-        simulated = actuated(plant, 0)
-        imu = _with_sensors(data, index)
-        for window, plan, path in zip(windows, plans, motion.qpos, strict=True):
-            steps, log = _steps(data, window, dt), data.logs[window.log]
+    both: dict[str, list[np.ndarray]] = {}
+    simulator, imus = Simulator(data, fixed), [_with_sensors(data, spec) for spec in data.specs]
+    for number, log in enumerate(data.logs):
+        windows = [window for window in data.windows if window.log == number]
+        own = {name: column for name, column in torque.items() if column in log.columns}
+        for window, (model, path, plan, _) in zip(windows, simulator.paths(number), strict=True):
+            rows, imu = window.first + np.flatnonzero(window.usable), imus[window.model]
+            since = log.time[rows] - log.time[window.start]
+            steps = np.round(since / model.opt.timestep).astype(int)
             if np.isfinite(path).all() and steps.size:
-                rows = np.arange(window.first, window.last)[window.usable]
-                own = {name: column for name, column in torque.items() if column in log.columns}
-                made = _simulated(simulated, imu, plan, path, steps, own)
-                for column, values in made.items():
-                    if column in log.columns:
-                        both.setdefault(column, []).append((log.column(column)[rows], values))
+                steps = np.clip(steps, 1, len(path) - 2)
+                made = _simulated(model, plan, path, steps, own)
+                made |= _sensed(imu, path, steps) if imu.nsensor else {}
+                for column in [name for name in made if name in log.columns]:
+                    pair = np.stack([log.column(column)[rows], made[column]])
+                    both.setdefault(column, []).append(pair)
     return {column: _rms(np.concatenate(pairs, axis=1), column) for column, pairs in both.items()}
 
 
@@ -115,51 +104,36 @@ def _rms(both: np.ndarray, column: str) -> float:
     return float(np.sqrt(np.mean((measured - simulated) ** 2)))
 
 
-def _steps(data: Data, window: Window, dt: float) -> np.ndarray:
-    """Return the physics step of each compared row of a window, (n,)."""
-    time = data.logs[window.log].time[window.first : window.last]
-    steps = np.round((time - data.logs[window.log].time[window.start]) / dt).astype(int)
-    return np.maximum(steps[window.usable], 1)
-
-
 def _simulated(
     model: mujoco.MjModel,
-    imu: mujoco.MjModel,
     plan: Schedule,
     path: np.ndarray,
     steps: np.ndarray,
     torque: dict[str, str],
 ) -> dict[str, np.ndarray]:
-    """Return what a simulation makes of columns at some steps (n,) of its path."""
-    steps = np.minimum(steps, len(path) - 2)
+    """Return what a simulation makes of speeds and torques at some steps (n,) of its path."""
     found: dict[str, np.ndarray] = {}
     for i in range(model.njnt):
-        if int(model.jnt_type[i]) in SCALAR:
+        if is_scalar(model, i):
             place = int(model.jnt_qposadr[i])
             slope = (path[steps + 1, place] - path[steps - 1, place]) / 2
             found[f"qvel.{model.joint(i).name}"] = slope / model.opt.timestep
     if torque:
-        every = torques(model, path[: plan.steps + 1], plan)
+        every = torques(model, path, plan)
         for name, column in torque.items():
-            found[column] = every[np.minimum(steps, len(every) - 1), model.actuator(name).id]
-    return found | (_sensed(imu, path, steps) if imu.nsensor else {})
+            found[column] = every[steps, model.actuator(name).id]
+    return found
 
 
-def _sites(data: Data) -> Iterator[tuple[str, str]]:
-    """Yield kind and site of every IMU channel of the logs."""
-    names = {column: None for log in data.logs for column in log.columns}
-    found = {tuple(n.split(".", 1)) for n in names if n.partition(".")[0] in SENSORS}
-    yield from dict.fromkeys((kind, rest.rpartition(".")[0]) for kind, rest in sorted(found))
-
-
-def _with_sensors(data: Data, index: int) -> mujoco.MjModel:
+def _with_sensors(data: Data, spec: mujoco.MjSpec) -> mujoco.MjModel:
     """Return a model whose only sensors are the IMUs that the logs have."""
-    spec = data.specs[index].copy()
+    spec = spec.copy()
     for sensor in list(spec.sensors):
         spec.delete(sensor)
+    columns = {name.rpartition(".")[0] for log in data.logs for name in log.columns}
     sites = {site.name for site in spec.sites}
-    for kind, site in _sites(data):
-        if site in sites:
+    for kind, _, site in sorted(column.partition(".") for column in columns):
+        if kind in SENSORS and site in sites:
             spec.add_sensor(
                 name=f"{kind}.{site}",
                 type=SENSORS[kind],

@@ -13,21 +13,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from envs.replay import switchable
 from hardware.log import Log
-from sim2real.diagnosis.data.impedance import impedance_of, with_laws
-from sim2real.diagnosis.data.noise_floor import noise_floor, rounding, step_of
-from sim2real.diagnosis.data.pairs import is_scalar
-from sim2real.diagnosis.data.recording import (
-    check_log,
-    load_model,
-    with_bus_delay,
-)
-from sim2real.diagnosis.data.refuse import refuse_clock, refuse_loose_base, refuse_sparse
+from sim2real.diagnosis.data.impedance import impedance_of
+from sim2real.diagnosis.data.noise_floor import count_of, noise_floor, rounding
+from sim2real.diagnosis.data.pairs import is_scalar, scalars
+from sim2real.diagnosis.data.recording import as_recorded, bus_delay, check_log, load_model
+from sim2real.diagnosis.data.refuse import refuse_clock, refuse_loose_base
 from sim2real.diagnosis.data.states import with_states
 from sim2real.diagnosis.data.windows import Joint, Window, cut
 from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
@@ -36,30 +32,19 @@ from sim2real.runs.errors import Sim2RealError
 
 @dataclass(frozen=True)
 class Data:
-    """Windows of all logs, padded to one length T.
-
-    Args:
-        logs: the logs.
-        specs: the models, each once; their actuators can be switched off.
-        models: each spec, compiled.
-        joints: M compared positions.
-        windows: W of them.
-        mask: which rows are compared, (W, T).
-        measured: (W, T, M).
-        settings: the settings of this and all later stages.
-        starts: what one standard deviation of each unknown of a start changes of errors,
-            (W, T, M, D), where starts are estimated; None: they are measured.
-    """
+    """Windows of all logs, padded to one length T."""
 
     logs: tuple[Log, ...]
-    specs: tuple[mujoco.MjSpec, ...]
-    models: tuple[mujoco.MjModel, ...]
-    joints: tuple[Joint, ...]
-    windows: tuple[Window, ...]
-    mask: np.ndarray
-    measured: np.ndarray
-    settings: Settings = DEFAULT
+    specs: tuple[mujoco.MjSpec, ...]  # the models, each once; their actuators can be switched off
+    models: tuple[mujoco.MjModel, ...]  # each spec, compiled
+    joints: tuple[Joint, ...]  # M compared positions
+    windows: tuple[Window, ...]  # W of them
+    mask: np.ndarray  # (W, T) which rows are compared
+    measured: np.ndarray  # (W, T, M)
+    settings: Settings = DEFAULT  # of this and all later stages
     starts: np.ndarray | None = None
+    """What one standard deviation of each unknown of a start changes of errors, (W, T, M, D), where
+    starts are estimated; None: they are measured."""
 
     @staticmethod
     def of(
@@ -78,28 +63,18 @@ class Data:
             LogError: a log that names what the model lacks.
         """
         specs, models, which = _models(logs, model)
-        for log, index in zip(logs, which, strict=True):
-            check_log(log, models[index])
-        logs = [with_states(log, models[index]) for log, index in zip(logs, which, strict=True)]
-        joints = _joints(logs, [models[i] for i in which], settings)
-        for log, index in zip(logs, which, strict=True):
-            refuse_loose_base(log, models[index], [joint.name for joint in joints])
+        own = [models[index] for index in which]
+        for log, robot in zip(logs, own, strict=True):
+            check_log(log, robot)
+        logs = [with_states(log, robot) for log, robot in zip(logs, own, strict=True)]
+        joints = _joints(logs, own, settings)
+        for log, robot in zip(logs, own, strict=True):
+            refuse_loose_base(log, robot, [joint.name for joint in joints])
         _refuse_short(logs, settings)
         _refuse_still(logs, joints, settings)
         windows = cut(logs, which, models, joints, settings.windows)
-        longest = max(len(w.measured) for w in windows)
-        mask = _masks(windows, longest)
-        measured = np.array([_padded(w.measured, longest) for w in windows])
-        return Data(
-            tuple(logs),
-            tuple(specs),
-            tuple(models),
-            tuple(joints),
-            tuple(windows),
-            mask,
-            measured,
-            settings,
-        )
+        about = tuple(logs), tuple(specs), tuple(models), tuple(joints)
+        return Data(*about, **_stacked(windows), settings=settings)
 
     @property
     def scale(self) -> np.ndarray:
@@ -112,6 +87,11 @@ class Data:
         own = {window.log: window.model for window in self.windows}
         return [own.get(number, 0) for number in range(len(self.logs))]
 
+    @property
+    def log_models(self) -> list[mujoco.MjModel]:
+        """The model of each log."""
+        return [self.models[index] for index in self.which]
+
     def floors(self) -> np.ndarray:
         """Return the noise floor of each joint [rad or m], (M,)."""
         found = noise_floor(self.logs, self.settings)
@@ -123,34 +103,24 @@ class Data:
         units = {joint.unit for joint in self.joints}
         return units.pop() if len(units) == 1 else "spread"
 
-    def blocks(self, seconds: float | None = None) -> np.ndarray:
+    def blocks(self, seconds: float) -> np.ndarray:
         """Return the block that each row is in, (W, T); -1 where none.
 
         Args:
-            seconds: length of a block, which may span several windows of an episode; None, and
-                what is shorter, is about a second of one window.
+            seconds: length of a block, which may span several windows of an episode; what is
+                shorter than a second is about a second of one window.
         """
-        if seconds is not None and seconds > self.settings.bootstrap.block_s:
-            return self._spans(seconds)
-        found, count = np.full(self.mask.shape, -1), 0
-        for index, window in enumerate(self.windows):
-            time = window.sample[:, 0] - window.sample[0, 0]
-            pieces = (
-                max(1, round(time[-1] / self.settings.bootstrap.block_s)) if len(time) > 1 else 1
-            )
-            own = np.minimum((time / max(time[-1], TINY) * pieces).astype(int), pieces - 1)
-            found[index, : len(own)] = np.where(window.usable, count + own, -1)
-            count += pieces
-        return found
-
-    def _spans(self, seconds: float) -> np.ndarray:
-        """Return blocks of episodes, so many seconds each, whichever windows are in them."""
-        found = np.full(self.mask.shape, -1)
-        known: dict[tuple[int, int, int], int] = {}
-        for row, window, time in zip(found, self.windows, self.times(), strict=True):
-            own = [(window.log, window.episode, int(t // seconds)) for t in time]
+        least, found = self.settings.bootstrap.block_s, np.full(self.mask.shape, -1)
+        known: dict[tuple[int, ...], int] = {}
+        for i, (window, time) in enumerate(zip(self.windows, self.times(), strict=True)):
+            if seconds > least:
+                own = [(window.log, window.episode, int(t // seconds)) for t in time]
+            else:
+                since = window.sample[:, 0] - window.sample[0, 0]
+                pieces = max(1, round(since[-1] / least))
+                own = [(i, min(int(t / max(since[-1], TINY) * pieces), pieces - 1)) for t in since]
             numbers = [known.setdefault(key, len(known)) for key in own]
-            row[: len(own)] = np.where(window.usable, numbers, -1)
+            found[i, : len(own)] = np.where(window.usable, numbers, -1)
         return found
 
     def times(self) -> list[np.ndarray]:
@@ -167,14 +137,7 @@ class Data:
 
     def with_windows(self, windows: Sequence[Window]) -> Data:
         """Return the data with other windows of the same logs."""
-        longest = max(len(w.measured) for w in windows)
-        return replace(
-            self,
-            windows=tuple(windows),
-            mask=_masks(windows, longest),
-            measured=np.array([_padded(w.measured, longest) for w in windows]),
-            starts=None,
-        )
+        return replace(self, **_stacked(windows), starts=None)
 
     def only(self, chosen: np.ndarray) -> Data:
         """Return the data of some windows, (n,) indices."""
@@ -195,30 +158,24 @@ class Data:
         Returns:
             None if no model can take longer steps.
         """
-        specs = [spec.copy() for spec in self.specs]
+        specs = tuple(spec.copy() for spec in self.specs)
         for spec in specs:
             spec.option.timestep *= max(int(most / spec.option.timestep * (1 + TINY)), 1)
-        pairs = zip(specs, self.specs, strict=True)
-        if all(spec.option.timestep == own.option.timestep for spec, own in pairs):
+        models = tuple(spec.copy().compile() for spec in specs)
+        pairs = zip(models, self.models, strict=True)
+        if all(model.opt.timestep == own.opt.timestep for model, own in pairs):
             return None
-        return self._with_models(specs)
-
-    def _with_models(self, specs: Sequence[mujoco.MjSpec]) -> Data:
-        return replace(
-            self, specs=tuple(specs), models=tuple(spec.copy().compile() for spec in specs)
-        )
+        return replace(self, specs=specs, models=models)
 
 
-def _masks(windows: Sequence[Window], length: int) -> np.ndarray:
-    """Return which rows of the windows are compared, (W, length)."""
-    mask = np.zeros((len(windows), length), bool)
-    for row, window in zip(mask, windows, strict=True):
-        row[: len(window.usable)] = window.usable
-    return mask
-
-
-def _padded(values: np.ndarray, length: int) -> np.ndarray:
-    return np.concatenate([values, np.repeat(values[-1:], length - len(values), axis=0)])
+def _stacked(windows: Sequence[Window]) -> dict[str, Any]:
+    """Return windows, which of their rows are compared and what was measured, padded."""
+    longest, mask, measured = max(len(window.usable) for window in windows), [], []
+    for window in windows:
+        ahead = (0, longest - len(window.usable))
+        mask.append(np.pad(window.usable, ahead))
+        measured.append(np.pad(window.measured, (ahead, (0, 0)), "edge"))
+    return {"windows": tuple(windows), "mask": np.array(mask), "measured": np.array(measured)}
 
 
 def _models(
@@ -228,20 +185,15 @@ def _models(
 
     A log that says how long its robot's bus takes gets it as the delay of the model's actuators.
     """
-    specs: list[mujoco.MjSpec] = []
-    keys: list[tuple[str, float, tuple[str, ...]]] = []
+    specs: dict[tuple[str, float, tuple[str, ...]], mujoco.MjSpec] = {}
     which = []
     for log in logs:
         path = log.model if model is None else Path(model)
-        delay = log.meta.get("command_delay", 0.0)
-        delay = float(delay) if isinstance(delay, int | float) else 0.0
-        key = (str(path.resolve() if path else path), delay, impedance_of(log))
-        if key not in keys:
-            spec = with_laws(with_bus_delay(switchable(load_model(log, model)), log), log)
-            keys.append(key)
-            specs.append(spec)
-        which.append(keys.index(key))
-    return specs, [spec.copy().compile() for spec in specs], which
+        key = (str(path.resolve() if path else path), bus_delay(log), impedance_of(log))
+        if key not in specs:
+            specs[key] = as_recorded(load_model(log, model), log)
+        which.append(list(specs).index(key))
+    return [*specs.values()], [spec.copy().compile() for spec in specs.values()], which
 
 
 def _joints(
@@ -249,20 +201,16 @@ def _joints(
 ) -> list[Joint]:
     """Return the hinges and slides that every log and model has."""
     found, still = [], {"rad": settings.preflight.still_rad, "m": settings.preflight.still_m}
+    logged = set.intersection(*(set(scalars(log)) for log in logs))
+    modelled = set.intersection(*({m.joint(k).name for k in range(m.njnt)} for m in models))
     for i in range(models[0].njnt):
         name = models[0].joint(i).name
-        column = f"qpos.{name}"
-        if not is_scalar(models[0], i) or not all(column in log.columns for log in logs):
-            continue
-        if any(name not in [m.joint(k).name for k in range(m.njnt)] for m in models):
-            continue
-        values = np.concatenate([log.column(column) for log in logs])
-        unit = "rad" if models[0].jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE else "m"
-        spread = float(values.std())
-        place = int(models[0].jnt_qposadr[i])
-        step = step_of(values[np.concatenate([log.fresh for log in logs])], settings)
-        step = step if spread else still[unit]  # that never changed: below what counts as moving
-        found.append(Joint(name, place, unit, step, spread, 1.0))
+        if is_scalar(models[0], i) and name in logged & modelled:
+            values = np.concatenate([log.column(f"qpos.{name}") for log in logs])
+            unit = "rad" if models[0].jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE else "m"
+            step, spread = count_of(logs, name, settings), float(values.std())
+            step = step if spread else still[unit]  # it never changed: below what counts as moving
+            found.append(Joint(name, int(models[0].jnt_qposadr[i]), unit, step, spread, 1.0))
     if not found:
         raise Sim2RealError("the logs have no hinge or slide in common that their models have too")
     if len({joint.unit for joint in found}) > 1:
@@ -275,7 +223,6 @@ def _refuse_short(logs: Sequence[Log], settings: Settings) -> None:
     least = settings.bootstrap.block_s
     for log in logs:
         refuse_clock(log, settings)
-        refuse_sparse(log, settings)
     total = sum(float(part.time[-1] - part.time[0]) for log in logs for part in log.episodes())
     if total < least:
         place = f"{logs[0].path or 'the log'}" + (f" and {len(logs) - 1} more" if logs[1:] else "")
@@ -289,9 +236,7 @@ def _refuse_still(logs: Sequence[Log], joints: Sequence[Joint], settings: Settin
     counts, least = settings.preflight.counts, settings.preflight.count_min
     still = [j.name for j in joints if j.spread < counts * max(j.count, least)]
     if len(still) == len(joints):
-        names = ", ".join(still)
-        place = logs[0].path or "the log"
         raise Sim2RealError(
-            f"{place}: {names} never moved enough to be diagnosed; record motions with reversals "
-            "and several speeds (run=record)"
+            f"{logs[0].path or 'the log'}: {', '.join(still)} never moved enough to be diagnosed; "
+            "record motions with reversals and several speeds (run=record)"
         )

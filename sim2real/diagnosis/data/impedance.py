@@ -27,14 +27,9 @@ def impedance_of(log: Log) -> tuple[str, ...]:
     Raises:
         LogError: an actuator that has a damping, a desired speed or a feed-forward, and no gain.
     """
-    own = {
-        name.partition(".")[2]: name
-        for kind in REST
-        for name in log.columns
-        if name.startswith(f"{kind}.")
-    }
-    for actuator, column in own.items():
-        if f"{STIFFNESS}.{actuator}" not in log.columns:
+    for column in log.columns:
+        kind, _, actuator = column.partition(".")
+        if kind in REST and f"{STIFFNESS}.{actuator}" not in log.columns:
             raise LogError(
                 f"{log.path or 'the log'}: there is `{column}` and no `{STIFFNESS}.{actuator}`, so "
                 f"the law of {actuator} is not known; log its gain [N·m/rad], 0 where it is off"
@@ -56,19 +51,8 @@ def with_laws(spec: mujoco.MjSpec, log: Log) -> mujoco.MjSpec:
         return spec
     model, gains = spec.copy().compile(), {}
     for name in names:
-        pair = []
-        for kind in IMPEDANCE_KINDS[:2]:
-            values = _column(log, kind, name)
-            if values.min() < 0:
-                row = int(values.argmin())
-                raise LogError(
-                    f"{log.path or 'the log'}, row {row}, column '{kind}.{name}': a gain of "
-                    f"{values[row]:g} is negative; gains are 0 or more"
-                )
-            on = values[values > 0]
-            pair.append(float(np.median(on)) if on.size else 0.0)
         gear = float(model.actuator(name).gear[0]) if _has(model, name) else 1.0
-        gains[name] = (pair[0] / gear**2, pair[1] / gear**2)
+        gains[name] = tuple(_usual(log, kind, name) / gear**2 for kind in IMPEDANCE_KINDS[:2])
     try:
         return with_impedance(spec, gains)
     except TaskError as error:
@@ -95,6 +79,18 @@ def laws_of(log: Log, model: mujoco.MjModel) -> np.ndarray | None:
 def gear_of(model: mujoco.MjModel, actuator: int) -> float:
     """Return what turns a logged command of an actuator into the actuator's own unit."""
     return float(model.actuator_gear[actuator, 0]) if actuator in impedances(model) else 1.0
+
+
+def _usual(log: Log, kind: str, name: str) -> float:
+    """Return the median of a gain where it is not 0, else 0; raise LogError if it is negative."""
+    values = _column(log, kind, name)
+    if values.min() < 0:
+        row = int(values.argmin())
+        raise LogError(
+            f"{log.path or 'the log'}, row {row}, column '{kind}.{name}': a gain of "
+            f"{values[row]:g} is negative; gains are 0 or more"
+        )
+    return float(np.median(values[values > 0])) if values.any() else 0.0
 
 
 def _column(log: Log, kind: str, name: str) -> np.ndarray:

@@ -43,15 +43,14 @@ def refuse_kinds(log: Log, spec: mujoco.MjSpec, settings: Settings = DEFAULT) ->
                 "actuators, or log the torques as `ctrl.*`"
             )
     elif all(servos) and all(one < limits.stranger for one in alike.values()):
-        kinds = (spec, _motors(spec, joints), _motors(spec, joints, gain=0.0))
+        kinds = (spec, _motors(spec, joints, 1.0), _motors(spec, joints, 0.0))
         gap, other, none = (_gap(log, one, joints, settings) for one in kinds)
         if gap > limits.lost and other < limits.better * min(gap, none):
             raise Sim2RealError(
                 f"{place}: the model has position servos at {names}, which take desired "
-                f"positions, but the commands act like torques: as such their replay is "
-                f"{gap / other:.0f} "
-                "times closer. Give a model with motors; a desired position with gains of its own "
-                "needs `kp.<actuator>` as well"
+                "positions, but the commands act like torques: as such their replay is "
+                f"{gap / other:.0f} times closer. Give a model with motors; a desired position "
+                "with gains of its own needs `kp.<actuator>` as well"
             )
 
 
@@ -70,14 +69,15 @@ def _joints(log: Log, model: mujoco.MjModel) -> dict[str, str]:
 def _likeness(log: Log, actuator: str, joint: str, settings: Settings) -> float:
     """Return how well a joint's position is its command of a moment ago; 1: to the last digit."""
     best, q = -np.inf, log.column(f"qpos.{joint}")
-    step = float(np.median(np.diff(log.time)))
+    spread, step = max(float(q.std()), TINY), float(np.median(np.diff(log.time)))
+    episodes = [(p.column(f"ctrl.{actuator}"), p.column(f"qpos.{joint}")) for p in log.episodes()]
     for rows in range(max(round(settings.preflight.reach_s / step), 1)):
-        parts = [part for part in log.episodes() if len(part) > rows]
-        if 2 * sum(len(part) - rows for part in parts) < len(q):
+        off = np.concatenate(
+            [said[rows:] - sent[: max(len(sent) - rows, 0)] for sent, said in episodes]
+        )
+        if 2 * len(off) < len(q):
             break  # few rows are alike by chance
-        sent = np.concatenate([p.column(f"ctrl.{actuator}")[: len(p) - rows] for p in parts])
-        said = np.concatenate([part.column(f"qpos.{joint}")[rows:] for part in parts])
-        best = max(best, 1.0 - float(np.std(said - sent)) / max(float(q.std()), TINY))
+        best = max(best, 1.0 - float(off.std()) / spread)
     return best
 
 
@@ -89,15 +89,14 @@ def _gap(log: Log, spec: mujoco.MjSpec, joints: dict[str, str], settings: Settin
     found = []
     for piece, path in zip(pieces, paths, strict=True):
         for joint in joints.values():
-            measured = piece.log.column(f"qpos.{joint}")
-            off = path[:, int(model.joint(joint).qposadr[0])] - measured
+            off = path[:, int(model.joint(joint).qposadr[0])] - piece.log.column(f"qpos.{joint}")
             spread = max(float(log.column(f"qpos.{joint}").std()), TINY)
-            off = np.where(np.isfinite(off), np.abs(off) / spread, most)
-            found.append(float(np.sqrt(np.mean(np.minimum(off, most) ** 2))))
+            sizes = np.fmin(np.abs(off) / spread, most)  # NaN: it diverged
+            found.append(float(np.sqrt(np.mean(sizes**2))))
     return float(np.median(found)) if found else 0.0
 
 
-def _motors(spec: mujoco.MjSpec, names: dict[str, str], gain: float = 1.0) -> mujoco.MjSpec:
+def _motors(spec: mujoco.MjSpec, names: dict[str, str], gain: float) -> mujoco.MjSpec:
     """Return the spec with current-controlled motors, without back-EMF, in place of its servos."""
     spec = spec.copy()
     for actuator in spec.actuators:

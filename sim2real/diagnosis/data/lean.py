@@ -17,10 +17,7 @@ FROM_GEOMS = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE  # whatever bodies
 
 
 def lean(spec: mujoco.MjSpec) -> mujoco.MjSpec:
-    """Return a copy of a spec that skips looking for contacts, where no two geoms can touch.
-
-    It has nothing to look at either.
-    """
+    """Return an `undrawn` copy that skips looking for contacts, where no two geoms can touch."""
     made = undrawn(spec)
     if not may_touch(made.copy().compile()):
         for flag in NEEDLESS:

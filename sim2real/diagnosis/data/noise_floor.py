@@ -11,12 +11,14 @@ rounding to counts makes.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import comb
 
 import numpy as np
 
 from hardware.log import Log
+from sim2real.diagnosis.data.pairs import scalars
+from sim2real.diagnosis.data.recording import powered
 from sim2real.diagnosis.data.windows import hunting_rows
 from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 
@@ -33,7 +35,7 @@ def noise_floor(logs: Sequence[Log], settings: Settings = DEFAULT) -> dict[str, 
         logs: logs of one robot.
         settings: those of `noise_floor` are used.
     """
-    names = list(dict.fromkeys(name for log in logs for name in _positions(log)))
+    names = list(dict.fromkeys(name for log in logs for name in scalars(log)))
     own = {name: reading_noise(logs, f"qpos.{name}", settings) for name in names}
     repeats = _repeats(logs, names, settings)
     return own | {name: max(scatter, own[name]) for name, scatter in repeats.items()}
@@ -68,99 +70,72 @@ def rounding(step: float) -> float:
     return float(step / np.sqrt(UNIFORM))
 
 
-def _positions(log: Log) -> list[str]:
-    return [name for name in log.joints if f"qpos.{name}" in log.columns]
-
-
 def reading_noise(logs: Sequence[Log], column: str, settings: Settings) -> float:
     """Return the noise of one reading of a column, in its unit, root mean square.
 
     It is what a cubic through neighbouring rows leaves while the joint is slow, and at least what
     rounding makes. Rows in which a loop hunts count only where there are no others.
     """
-    episodes = [
-        part
-        for log in logs
-        if column in log.columns
-        for part in log.episodes()
-        if part.fresh.sum() > ORDER
-    ]
+    own = [part for log in logs if column in log.columns for part in log.episodes()]
+    episodes = [part for part in own if part.fresh.sum() > ORDER]
     if not episodes:
         return 0.0
     parts = [part.column(column)[part.fresh] for part in episodes]
-    step = step_of(np.concatenate(parts), settings)
     rests = np.concatenate([np.diff(q, ORDER) for q in parts])
     moves = np.concatenate([np.abs(q[ORDER:] - q[:-ORDER]) for q in parts])
-    hunts = [hunting_rows(part)[part.fresh] for part in episodes]
-    calm = np.concatenate([~rows[ORDER // 2 : -ORDER // 2] for rows in hunts])
+    hunts = [hunting_rows(part)[part.fresh][ORDER // 2 : -ORDER // 2] for part in episodes]
+    calm = ~np.concatenate(hunts)
     rests, moves = (rests[calm], moves[calm]) if calm.any() else (rests, moves)
     slow = rests[moves <= np.quantile(moves, settings.noise_floor.slow_share)]
     variances = comb(2 * ORDER, ORDER)  # of a reading, in that of its difference
-    noise = np.sqrt(np.mean(slow**2) / variances) if slow.size else 0.0
-    return float(max(noise, rounding(step)))
+    noise = np.sqrt(np.mean(slow**2) / variances)
+    return float(max(noise, rounding(step_of(np.concatenate(parts), settings))))
 
 
 def _repeats(logs: Sequence[Log], names: Sequence[str], settings: Settings) -> dict[str, float]:
-    """The scatter of each joint over moments whose commands agree for a second before."""
-    groups: dict[tuple[str, bytes], list[tuple[int, float, np.ndarray]]] = {}
-    number = 0
+    """Return the scatter of each joint over moments whose commands agree for a second before."""
+    limits = settings.preflight
+    groups: dict[tuple[str, bytes], list[np.ndarray]] = {}
     for log in logs:
         registers = json.dumps(log.settings, sort_keys=True)
         for part in log.episodes():
-            number += 1
+            last = dict[bytes, float]()  # when each key's last moment was; others are too near it
             for when, key, q in _moments(part, names, settings):
-                groups.setdefault((registers, key), []).append((number, when, q))
-    squares, freedom = [], []
-    for moments in groups.values():
-        values = np.array(_apart(moments, settings.bootstrap.block_s))  # (n, M)
-        if len(values) > 1:
-            squares.append(((values - values.mean(axis=0)) ** 2).sum(axis=0))
-            freedom.append(len(values) - 1)
+                if when - last.get(key, -np.inf) > settings.bootstrap.block_s:
+                    last[key] = when
+                    groups.setdefault((registers, key), []).append(q)
+    moments = [np.array(own) for own in groups.values() if len(own) > 1]  # (n, M)
+    squares = np.array([own.var(axis=0) * len(own) for own in moments])
+    freedom = np.array([len(own) - 1 for own in moments])
     found = {}
-    for name, square in zip(names, np.array(squares).T, strict=False):
+    for name, square in zip(names, squares.T, strict=False):
         known = np.isfinite(square)
-        number, own = np.array(freedom)[known], square[known]
-        scatter = np.sqrt(own / number)
-        if not scatter.size:
-            continue
-        counts = settings.preflight.counts * count_of(logs, name, settings)
-        far = max(settings.preflight.sigmas * float(np.median(scatter)), counts)
-        near = scatter <= far
-        if number[near].sum() >= settings.preflight.rows_min:
-            found[name] = float(np.sqrt(own[near].sum() / number[near].sum()))
+        own, free = square[known], freedom[known]
+        if own.size:
+            scatter = np.sqrt(own / free)
+            counts = limits.counts * count_of(logs, name, settings)
+            near = scatter <= max(limits.sigmas * float(np.median(scatter)), counts)
+            if free[near].sum() >= limits.rows_min:
+                found[name] = float(np.sqrt(own[near].sum() / free[near].sum()))
     return found
 
 
 def _moments(
     part: Log, names: Sequence[str], settings: Settings
-) -> list[tuple[float, bytes, np.ndarray]]:
-    """Moments of an episode: when, the commands of the second before as a key, and positions."""
-    ctrl = np.column_stack([part.column(f"ctrl.{name}") for name in part.actuators])
-    on = [part.columns.get(f"torque.{name}", np.ones(len(part))) for name in part.actuators]
-    ctrl = np.column_stack([ctrl, *on])
-    history, every, found = settings.bootstrap.block_s, settings.noise_floor.every_s, []
+) -> Iterator[tuple[float, bytes, np.ndarray]]:
+    """Yield moments of an episode: when, the commands of a second before as a key, positions."""
+    sent = [part.column(f"ctrl.{name}") for name in part.actuators]
+    ctrl = np.column_stack([*sent, *(powered(part, name) for name in part.actuators)])
+    history, every, time = settings.bootstrap.block_s, settings.noise_floor.every_s, part.time
+    hunts, missing = hunting_rows(part), np.full(len(time), np.nan)
+    q = np.column_stack([part.columns.get(f"qpos.{name}", missing) for name in names])
     count = round(2 * history / every)  # of commands that are compared: twice between moments
-    for when in np.arange(np.ceil((part.time[0] + history) / every) * every, part.time[-1], every):
+    for when in np.arange(np.ceil((time[0] + history) / every) * every, time[-1], every):
         ticks = np.linspace(when - history, when, count)
-        rows = np.maximum(np.searchsorted(part.time, ticks + TINY, side="right") - 1, 0)
-        key = np.round(ctrl[rows] / settings.preflight.same_command).astype(np.int64).tobytes()
-        row = int(rows[-1])
-        if hunting_rows(part)[rows[0] : row + 1].any():
-            continue
-        sent = zip(part.actuators, ctrl[rows].T, strict=False)
-        moved = {name: np.ptp(values) > settings.preflight.moved for name, values in sent}
-        q = [
-            part.column(f"qpos.{name}")[row] if moved.get(name, any(moved.values())) else np.nan
-            for name in names
-        ]
-        found.append((float(when), key, np.array(q)))
-    return found
-
-
-def _apart(moments: Sequence[tuple[int, float, np.ndarray]], history: float) -> list[np.ndarray]:
-    """Of moments that lie within the history [s] of each other, keep the first."""
-    kept: list[tuple[int, float, np.ndarray]] = []
-    for moment in moments:
-        if not kept or moment[0] != kept[-1][0] or moment[1] - kept[-1][1] > history:
-            kept.append(moment)
-    return [q for *_, q in kept]
+        rows = np.maximum(np.searchsorted(time, ticks + TINY, side="right") - 1, 0)
+        if not hunts[rows[0] : rows[-1] + 1].any():
+            key = np.round(ctrl[rows] / settings.preflight.same_command).astype(np.int64).tobytes()
+            sizes = np.ptp(ctrl[rows], axis=0) > settings.preflight.moved
+            moved = dict(zip(part.actuators, sizes, strict=False))
+            known = [moved.get(name, any(moved.values())) for name in names]
+            yield float(when), key, np.where(known, q[rows[-1]], np.nan)

@@ -1,7 +1,7 @@
 """Logs and the models they belong to: what they have in common, and how they are named."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import mujoco
 
@@ -17,6 +17,11 @@ SHOWN = 3  # logs that a sentence names
 def is_scalar(model: mujoco.MjModel, joint: int) -> bool:
     """Return whether a joint, by its number, is a hinge or a slide."""
     return int(model.jnt_type[joint]) in SCALAR
+
+
+def scalars(log: Log) -> list[str]:
+    """Return the logged hinges and slides."""
+    return [name for name in log.joints if f"qpos.{name}" in log.columns]
 
 
 def carriers(model: mujoco.MjModel, body: int) -> list[int]:
@@ -37,25 +42,40 @@ def joints_of(pairs: Pairs) -> list[str]:
 
 def unit_of(pairs: Pairs, joint: str) -> str:
     """Return rad for a hinge, m for a slide."""
-    kinds = {
-        model.joint(i).name: int(model.jnt_type[i]) for _, model in pairs for i in range(model.njnt)
-    }
-    return "rad" if kinds[joint] == int(mujoco.mjtJoint.mjJNT_HINGE) else "m"
+    kinds = {m.joint(i).name: m.jnt_type[i] for _, m in pairs for i in range(m.njnt)}
+    return "rad" if kinds[joint] == mujoco.mjtJoint.mjJNT_HINGE else "m"
 
 
-def index_of(model: mujoco.MjModel, actuator: str) -> int | None:
-    """Return the index of the actuator that drives a joint, or None."""
-    names = [model.actuator(i).name for i in range(model.nu)]
-    if actuator not in names:
+def actuators_of(pairs: Pairs) -> list[str]:
+    """Return the actuators whose commands are logged, in the logs' order."""
+    return list(dict.fromkeys(name for log, _ in pairs for name in log.actuators))
+
+
+def episodes_with(pairs: Pairs, *columns: str) -> list[Log]:
+    """Return the episodes of the logs that have all these columns."""
+    logs = [log for log, _ in pairs if all(name in log.columns for name in columns)]
+    return [part for log in logs for part in log.episodes()]
+
+
+def driven_by(model: mujoco.MjModel, actuator: str) -> tuple[int, str] | None:
+    """Return an actuator's index and the joint that it drives; None where it drives none."""
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, actuator)
+    if index < 0 or model.actuator_trntype[index] != mujoco.mjtTrn.mjTRN_JOINT:
         return None
-    index = names.index(actuator)
-    joint = model.actuator_trntype[index] == mujoco.mjtTrn.mjTRN_JOINT
-    return index if joint else None
+    return index, model.joint(int(model.actuator_trnid[index, 0])).name
 
 
-def name_of(log: Log) -> str:
-    """Return the name of a log's file."""
-    return log.path.name if log.path else "the log"
+def commands_of(pairs: Pairs, actuator: str) -> Iterator[tuple[Log, mujoco.MjModel, int, str]]:
+    """Yield log, model, index and joint where a log commands an actuator that drives a joint."""
+    for log, model in pairs:
+        driven = driven_by(model, actuator)
+        if driven is not None and actuator in log.actuators:
+            yield log, model, *driven
+
+
+def name_of(log: Log, otherwise: str = "the log") -> str:
+    """Return the name of a log's file; of one in memory what it is called otherwise."""
+    return log.path.name if log.path else otherwise
 
 
 def which(found: Sequence[tuple], pairs: Pairs) -> str:

@@ -1,6 +1,6 @@
 """A log in a model's terms: which model, which columns, and its rows as a recording to replay.
 
-    spec = with_bus_delay(switchable(load_model(log, "arm.xml")), log)
+    spec = as_recorded(load_model(log, "arm.xml"), log)
     recording = to_recording(episode, model)                    # a whole episode
     recording = to_recording(rows_of(log, 500, 650), model, rows_before(log, 500))
 
@@ -12,6 +12,7 @@ row's before it; at the start of an episode it is the first one.
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -20,10 +21,10 @@ import numpy as np
 
 from envs.errors import TaskError
 from envs.models import columns_of, load_spec
-from envs.replay import Recording
+from envs.replay import Recording, switchable
 from hardware.log import Log, check_names
 from sim2real.diagnosis.data.couplings import follow_couplings
-from sim2real.diagnosis.data.impedance import gear_of, laws_of
+from sim2real.diagnosis.data.impedance import gear_of, laws_of, with_laws
 from sim2real.diagnosis.data.speeds import AROUND, speed_at
 from sim2real.diagnosis.data.states import state_of
 from sim2real.runs.errors import Sim2RealError
@@ -70,18 +71,27 @@ def _check_compiles(path: Path, changed: int) -> None:
         raise Sim2RealError(f"{path}: {' '.join(str(error).split())}; fix the model") from None
 
 
+def as_recorded(spec: mujoco.MjSpec, log: Log) -> mujoco.MjSpec:
+    """Return a model with switchable actuators that have the log's delay and its rows' gains."""
+    return with_laws(with_bus_delay(switchable(spec), log), log)
+
+
+def bus_delay(log: Log) -> float:
+    """Return how long the log's robot's bus takes [s], 0 where the log does not say."""
+    delay = log.meta.get("command_delay")
+    return float(delay) if isinstance(delay, int | float) else 0.0
+
+
 def with_bus_delay(spec: mujoco.MjSpec, log: Log) -> mujoco.MjSpec:
     """Return a copy of the model whose actuators wait as long as the log's robot's bus does.
 
     Actuators that have a delay of their own keep it.
     """
-    delay, spec = log.meta.get("command_delay", 0.0), spec.copy()
-    if isinstance(delay, int | float) and delay > 0:
-        samples = math.ceil(delay / spec.option.timestep) + SPARE
-        for actuator in spec.actuators:
-            if actuator.delay == 0:
-                actuator.delay, actuator.interp = float(delay), LINEAR
-                actuator.nsample = max(actuator.nsample, samples)
+    delay, spec = bus_delay(log), spec.copy()
+    for actuator in spec.actuators if delay > 0 else ():
+        if actuator.delay == 0:
+            actuator.delay, actuator.interp = delay, LINEAR
+            _reserve(actuator, spec.option.timestep)
     return spec
 
 
@@ -90,8 +100,12 @@ def shorten(spec: mujoco.MjSpec, times: int) -> None:
     spec.option.timestep /= times
     for actuator in spec.actuators:
         if actuator.delay > 0:
-            samples = math.ceil(actuator.delay / spec.option.timestep) + SPARE
-            actuator.nsample = max(actuator.nsample, samples)
+            _reserve(actuator, spec.option.timestep)
+
+
+def _reserve(actuator: mujoco.MjsActuator, dt: float) -> None:
+    """Give a delayed actuator samples for as long as it waits."""
+    actuator.nsample = max(actuator.nsample, math.ceil(actuator.delay / dt) + SPARE)
 
 
 def check_log(log: Log, model: mujoco.MjModel) -> None:
@@ -108,7 +122,7 @@ def check_log(log: Log, model: mujoco.MjModel) -> None:
 
 def rows_of(log: Log, first: int, last: int) -> Log:
     """Return rows `first` to `last` (exclusive) of a log."""
-    return Log({n: c[first:last] for n, c in log.columns.items()}, log.meta, log.path)
+    return replace(log, columns={n: c[first:last] for n, c in log.columns.items()})
 
 
 def episode_rows(log: Log) -> Iterator[slice]:
@@ -118,11 +132,15 @@ def episode_rows(log: Log) -> Iterator[slice]:
         yield slice(start, start := start + len(part))
 
 
+def powered(log: Log, actuator: str) -> np.ndarray:
+    """Return in which rows of a log a servo was switched on, (T,) bool."""
+    return log.columns.get(f"torque.{actuator}", np.ones(len(log))) > 0
+
+
 def flagged(log: Log, column: str, rows: np.ndarray) -> Log:
     """Return a log whose column flags rows, (T,) bool; itself where there are none."""
-    if not rows.any():
-        return log
-    return Log({**log.columns, column: rows.astype(float)}, log.meta, log.path)
+    columns = {**log.columns, column: rows.astype(float)}
+    return replace(log, columns=columns) if rows.any() else log
 
 
 def rows_before(log: Log, row: int) -> Columns | None:
@@ -145,7 +163,7 @@ def to_recording(log: Log, model: mujoco.MjModel, before: Columns | None = None)
             rows are the first of their episode, empty where nothing is known of those before.
     """
     qpos, held = home(model)
-    ctrl, powered = np.tile(held, (len(log), 1)), np.ones((len(log), model.nu), bool)
+    ctrl, on = np.tile(held, (len(log), 1)), np.ones((len(log), model.nu), bool)
     read = np.tile(log.time[:, None], model.nq)
     for name, place in positions(log, model).items():
         qpos[place] = log.column(f"qpos.{name}")[0]
@@ -156,12 +174,11 @@ def to_recording(log: Log, model: mujoco.MjModel, before: Columns | None = None)
             gear = gear_of(model, i)
             ctrl[:, i] = gear * log.column(f"ctrl.{name}")
             held[i] = gear * before[f"ctrl.{name}"][-1] if before else ctrl[0, i]
-        if f"torque.{name}" in log.columns:
-            powered[:, i] = log.column(f"torque.{name}") > 0
+        on[:, i] = powered(log, name)
     (qvel, _), start = start_speeds(log, model, before), log.time[0]
     law, act = laws_of(log, model), state_of(log, model)
     qpos, qvel = follow_couplings(model, qpos, qvel, positions(log, model).values())
-    return Recording(log.time - start, ctrl, qpos, qvel, powered, held, read - start, law, act)
+    return Recording(log.time - start, ctrl, qpos, qvel, on, held, read - start, law, act)
 
 
 def home(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:

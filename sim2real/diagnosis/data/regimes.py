@@ -12,9 +12,10 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from hardware.log import Log
-from sim2real.diagnosis.data.recording import episode_rows
+from sim2real.diagnosis.data.recording import episode_rows, powered
 from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 
+ON_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
 THIRDS = (1 / 3, 2 / 3)  # of a joint's range, or of the time
 
 
@@ -50,13 +51,12 @@ def regimes(
         load = np.abs(gravity(log, model, joint, settings))
         if load.max() > TINY:
             names = ("no load", "some load", "high load")
-            least = limits.load_none * load.max()
-            yield from _thirds("load", names, load, least, limits.rare)
+            yield from _thirds("load", names, load, limits.load_none * load.max(), limits.rare)
     if actuator is not None:
         error = np.abs(log.column(f"ctrl.{actuator}") - q)
         names = ("at its goal", "near its goal", "far from its goal")
         yield from _thirds("error", names, error, limits.goal_error, limits.rare)
-        on = log.columns.get(f"torque.{actuator}", np.ones(len(log))) > 0
+        on = powered(log, actuator)
         yield Kind("hold", "hold", held(log, actuator, settings) & on)
         if not on.all():
             yield Kind("torque", "torque off", ~on)
@@ -69,9 +69,8 @@ def regimes(
 def driver_of(log: Log, model: mujoco.MjModel, joint: str) -> str | None:
     """Return the logged actuator that drives a joint."""
     for i in range(model.nu):
-        on_joint = model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
+        name, on_joint = model.actuator(i).name, model.actuator_trntype[i] == ON_JOINT
         if on_joint and model.joint(int(model.actuator_trnid[i, 0])).name == joint:
-            name = model.actuator(i).name
             return name if name in log.actuators else None
     return None
 
@@ -81,10 +80,8 @@ def speed(log: Log, joint: str, settings: Settings = DEFAULT) -> np.ndarray:
     found = []
     for part in log.episodes():
         raw = np.gradient(part.column(f"qpos.{joint}"), part.time)
-        width = (
-            max(1, round(settings.regimes.smoothing_s / float(np.median(np.diff(part.time))))) | 1
-        )
-        found.append(uniform_filter1d(raw, width, mode="nearest"))
+        rows = settings.regimes.smoothing_s / float(np.median(np.diff(part.time)))
+        found.append(uniform_filter1d(raw, max(1, round(rows)) | 1, mode="nearest"))
     return np.concatenate(found)
 
 
@@ -92,47 +89,39 @@ def gravity(
     log: Log, model: mujoco.MjModel, joint: str, settings: Settings = DEFAULT
 ) -> np.ndarray:
     """Return the torque or force that gravity puts on a joint in the measured poses, (T,)."""
-    data = mujoco.MjData(model)
-    places = {
-        f"qpos.{model.joint(i).name}": int(model.jnt_qposadr[i])
-        for i in range(model.njnt)
-        if f"qpos.{model.joint(i).name}" in log.columns
-    }  # a free base stays as the model has it
-    poses = np.column_stack([log.column(name) for name in places])
-    dof, index = int(model.joint(joint).dofadr[0]), list(places.values())
-    every = max(1, len(poses) // settings.regimes.poses_max)  # poses change slowly between rows
-    found = np.zeros(len(poses[::every]))
-    for row, pose in enumerate(poses[::every]):
-        data.qpos[index] = pose
+    data, names = mujoco.MjData(model), [model.joint(i).name for i in range(model.njnt)]
+    logged = [name for name in names if f"qpos.{name}" in log.columns]
+    poses = np.column_stack([log.column(f"qpos.{name}") for name in logged])
+    places = [int(model.joint(name).qposadr[0]) for name in logged]  # a free base stays
+    dof, every = int(model.joint(joint).dofadr[0]), max(1, len(log) // settings.regimes.poses_max)
+    rows, found = np.arange(0, len(log), every), []  # poses change slowly between rows
+    for pose in poses[rows]:
+        data.qpos[places] = pose
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
-        found[row] = data.qfrc_bias[dof]
-    return np.interp(np.arange(len(poses)), np.arange(len(poses))[::every], found)
+        found.append(data.qfrc_bias[dof])
+    return np.interp(np.arange(len(log)), rows, found)
 
 
 def held(log: Log, actuator: str, settings: Settings = DEFAULT) -> np.ndarray:
     """Return where a command has stayed the same for a while, (T,) bool."""
     found = []
     for part in log.episodes():
-        ctrl = part.column(f"ctrl.{actuator}")
-        moves = np.concatenate([[True], np.abs(np.diff(ctrl)) > settings.preflight.same_command])
-        since = (
-            part.time - part.time[np.maximum.accumulate(np.where(moves, np.arange(len(ctrl)), 0))]
-        )
+        steps = np.abs(np.diff(part.column(f"ctrl.{actuator}"), prepend=np.inf))
+        moved = np.where(steps > settings.preflight.same_command, np.arange(len(part)), 0)
+        since = part.time - part.time[np.maximum.accumulate(moved)]
         found.append(since > settings.regimes.held_s)
     return np.concatenate(found)
 
 
 def _reversal(log: Log, v: np.ndarray, settings: Settings) -> np.ndarray:
-    """The moments after a joint turned back."""
-    found = []
+    """Return the moments after a joint turned back, (T,) bool."""
+    found, limits = [], settings.regimes
     for rows in episode_rows(log):
         own, time = v[rows], log.time[rows]
-        sign = np.where(np.abs(own) > settings.regimes.rest_speed, np.sign(own), 0.0)
-        moving = np.flatnonzero(sign)
-        turns = moving[1:][np.diff(sign[moving]) != 0] if moving.size else moving
+        moving = np.flatnonzero(np.abs(own) > limits.rest_speed)
+        turns = moving[1:][np.diff(np.sign(own[moving])) != 0]
         since = time - time[turns][:, None]  # (turns, T)
-        limits = settings.regimes
         near = (since >= -limits.smoothing_s) & (since < limits.reversal_after_s)
         found.append(near.any(axis=0))
     return np.concatenate(found)

@@ -20,16 +20,11 @@ import mujoco
 import numpy as np
 
 from envs.plant import Fixed
-from envs.replay import DivergedError, switchable
+from envs.replay import DivergedError
 from hardware.log import Log
-from sim2real.diagnosis.data.impedance import impedance_of, with_laws
-from sim2real.diagnosis.data.recording import (
-    check_log,
-    positions,
-    to_recording,
-    with_bus_delay,
-)
-from sim2real.diagnosis.data.refuse import refuse_clock, refuse_sparse
+from sim2real.diagnosis.data.impedance import impedance_of
+from sim2real.diagnosis.data.recording import as_recorded, check_log, positions, to_recording
+from sim2real.diagnosis.data.refuse import refuse_clock
 from sim2real.diagnosis.data.trial import trial
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.figures import COLOURS, INK, figure
@@ -51,10 +46,8 @@ class Gap(NamedTuple):
 
     def errors(self) -> dict[str, dict[str, float]]:
         """Return root mean square and mean absolute error of each joint."""
-        return {
-            joint: _error(self.simulated[:, i] - self.measured[:, i])
-            for i, joint in enumerate(self.joints)
-        }
+        off = self.simulated - self.measured
+        return {joint: _error(off[:, i]) for i, joint in enumerate(self.joints)}
 
 
 def measure(log: Log, spec: mujoco.MjSpec, fixed: Sequence[Fixed] = ()) -> Gap:
@@ -93,26 +86,22 @@ def _of_one_model(
     for log in logs:
         check_log(log, model)
         refuse_clock(log)
-        refuse_sparse(log)
-    delayed = with_laws(with_bus_delay(switchable(spec), logs[0]), logs[0])
+    delayed = as_recorded(spec, logs[0])
     model = delayed.copy().compile()
-    episodes = [(number, part) for number, log in enumerate(logs) for part in log.episodes()]
-    recordings = [to_recording(part, model) for _, part in episodes]
+    episodes = [part for log in logs for part in log.episodes()]
+    recordings = [to_recording(part, model) for part in episodes]
     paths = trial(delayed, recordings, fixed)
-    for row, ((_, part), recording, path) in enumerate(
-        zip(episodes, recordings, paths, strict=True)
-    ):
+    for row, (part, recording, path) in enumerate(zip(episodes, recordings, paths, strict=True)):
         known = np.isfinite(path).all(axis=1)
         if not known.all():
             error = DivergedError(row, float(recording.time[known.argmin()]))
             raise Sim2RealError(f"{part.path}, episode {part.episode[0]}: {error}")
-    for number, log in enumerate(logs):
-        columns = positions(log, model)
-        own = [path for (of, _), path in zip(episodes, paths, strict=True) if of == number]
-        measured = np.column_stack([log.column(f"qpos.{name}") for name in columns])
+    each = np.split(np.concatenate(paths), np.cumsum([len(log) for log in logs])[:-1])
+    for log, path in zip(logs, each, strict=True):
+        places = positions(log, model)
+        measured = np.column_stack([log.column(f"qpos.{name}") for name in places])
         measured[~log.fresh] = np.nan
-        simulated = np.concatenate(own)[:, list(columns.values())]
-        yield Gap(log, tuple(columns), log.time, measured, simulated)
+        yield Gap(log, tuple(places), log.time, measured, path[:, list(places.values())])
 
 
 def _error(difference: np.ndarray) -> dict[str, float]:
@@ -129,16 +118,6 @@ def summary(gaps: Sequence[Gap]) -> dict[str, Any]:
     return {"logs": logs, **_error(every)}
 
 
-def by_joint(gaps: Sequence[Gap]) -> dict[str, float]:
-    """Return each joint's root mean square error over all logs [rad or m], the largest first."""
-    errors: dict[str, list[np.ndarray]] = {}
-    for gap in gaps:
-        for i, joint in enumerate(gap.joints):
-            errors.setdefault(joint, []).append(gap.simulated[:, i] - gap.measured[:, i])
-    found = {joint: _error(np.concatenate(parts))["rmse"] for joint, parts in errors.items()}
-    return dict(sorted(found.items(), key=lambda item: -item[1]))
-
-
 def write(gaps: Sequence[Gap], out: Path) -> None:
     """Write replay.json, the table and the picture into the folder."""
     found = summary(gaps)
@@ -152,7 +131,12 @@ def write(gaps: Sequence[Gap], out: Path) -> None:
     draw(gaps[:SHOWN], out / "plots" / "replay.png")
     table.write(out / "table")
     write_text(out / "replay.json", json.dumps(found, indent=1))
-    each = ", ".join(f"{joint} {size:.3g}" for joint, size in by_joint(gaps).items())
+    parts: dict[str, list[np.ndarray]] = {}
+    for gap in gaps:
+        for joint, off in zip(gap.joints, (gap.simulated - gap.measured).T, strict=True):
+            parts.setdefault(joint, []).append(off)
+    sizes = {joint: _error(np.concatenate(own))["rmse"] for joint, own in parts.items()}
+    each = ", ".join(f"{j} {sizes[j]:.3g}" for j in sorted(sizes, key=lambda j: -sizes[j]))
     log_.info("rmse %.4g rad or m over %d logs: %s", found["rmse"], len(gaps), each)
 
 
@@ -163,15 +147,13 @@ def draw(gaps: Sequence[Gap], path: Path) -> None:
     with figure(path, rows, len(gaps), size) as (_, axes):
         for column, gap in enumerate(gaps):
             first = gap.log.episode == gap.log.episode[0]
-            for row in range(rows):
-                panel = axes[row, column]
-                if row >= len(gap.joints):
-                    panel.set_visible(False)
-                    continue
-                panel.plot(gap.time[first], gap.measured[first, row], color=INK, label="measured")
-                simulated = gap.simulated[first, row]
-                panel.plot(gap.time[first], simulated, color=COLOURS[1], label="simulated")
-                panel.set_ylabel(f"{gap.joints[row]} (rad or m)")
+            for panel in axes[len(gap.joints) :, column]:
+                panel.set_visible(False)
+            for row, joint in enumerate(gap.joints):
+                panel, time = axes[row, column], gap.time[first]
+                panel.plot(time, gap.measured[first, row], color=INK, label="measured")
+                panel.plot(time, gap.simulated[first, row], color=COLOURS[1], label="simulated")
+                panel.set_ylabel(f"{joint} (rad or m)")
             axes[0, column].set_title(gap.log.path.stem if gap.log.path else "")
             axes[len(gap.joints) - 1, column].set_xlabel("time (s)")
         axes[0, 0].legend(loc="upper right")

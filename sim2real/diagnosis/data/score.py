@@ -1,6 +1,6 @@
 """Root mean squares with intervals that know how long errors hang together.
 
-    blocks = Blocks(data, windows, rng, coherence(data, error))
+    blocks = Blocks(data, rng, coherence(data, error))
     blocks.rms(error), blocks.interval(error), blocks.closed(before, after, floor)
 
 Samples a few milliseconds apart are no independent evidence: blocks are drawn again, whole. They
@@ -14,32 +14,22 @@ from sim2real.diagnosis.settings import TINY, TINY_SQUARE
 
 
 class Blocks:
-    """Blocks of some windows, and how often each is drawn.
+    """Blocks of all windows, and how often each is drawn.
 
     Args:
         data: the windows.
-        windows: those that errors are given for, (W,).
         rng: the bootstrap's random generator; the same draws serve all errors.
-        seconds: length of a block; None: about a second.
+        seconds: length of a block; about a second at least.
     """
 
-    def __init__(
-        self,
-        data: Data,
-        windows: np.ndarray,
-        rng: np.random.Generator,
-        seconds: float | None = None,
-    ) -> None:
-        numbers = data.blocks(seconds)[windows]  # (W, T)
-        self.seconds = seconds
+    def __init__(self, data: Data, rng: np.random.Generator, seconds: float) -> None:
+        numbers = data.blocks(seconds)  # (W, T)
         self.inside = numbers >= 0
-        _, compact = np.unique(numbers[self.inside], return_inverse=True)
-        self.numbers = compact  # (rows,)
-        self.count = int(compact.max()) + 1
-        self.sizes = np.bincount(compact, minlength=self.count) * len(data.joints)
-        draws, tail = data.settings.bootstrap.draws, data.settings.inference.level
+        _, self.numbers = np.unique(numbers[self.inside], return_inverse=True)  # (rows,)
+        self.count = int(self.numbers.max()) + 1
+        self.sizes = np.bincount(self.numbers) * len(data.joints)
+        draws, self.level = data.settings.bootstrap.draws, data.settings.inference.level
         self.draws = rng.multinomial(self.count, np.full(self.count, 1 / self.count), draws)
-        self._tails = tail, 1 - tail
 
     def squares(self, error: np.ndarray) -> np.ndarray:
         """Return the summed square error of each block, (B,), of errors (W, T, M)."""
@@ -65,12 +55,11 @@ class Blocks:
         first, last = self.drawn(before), self.drawn(after)
         drawn = (first - last) / np.maximum(first - floor, TINY)
         value = (self.rms(before) - self.rms(after)) / max(self.rms(before) - floor, TINY)
-        low, high = self._ends(np.minimum(drawn, 1.0))
-        return min(value, 1.0), (low, high)
+        return min(value, 1.0), self._ends(np.minimum(drawn, 1.0))
 
     def _ends(self, values: np.ndarray) -> tuple[float, float]:
         """Return the ends of the interval of drawn values (D,)."""
-        low, high = np.quantile(values, self._tails)
+        low, high = np.quantile(values, (self.level, 1 - self.level))
         return float(low), float(high)
 
 
@@ -84,12 +73,11 @@ def coherence(data: Data, error: np.ndarray) -> float:
     sums: dict[tuple[int, int], dict[int, list[float]]] = {}
     for window, time, row, mask in zip(data.windows, data.times(), error, data.mask, strict=True):
         own = sums.setdefault((window.log, window.episode), {})
-        used = mask[: len(time)]
-        squares = (row[: len(time)] ** 2).sum(axis=1)
         total += float(time[-1] - time[0])
-        for place in np.unique(bins := (time // limits.bin_s).astype(int)):
-            if (chosen := used & (bins == place)).any():
-                own.setdefault(int(place), []).append(float(squares[chosen].mean()))
+        squares = (row[mask] ** 2).sum(axis=1)
+        bins = time[mask[: len(time)]] // limits.bin_s
+        for place in np.unique(bins):
+            own.setdefault(int(place), []).append(float(squares[bins == place].mean()))
     series = [{k: float(np.mean(v)) for k, v in own.items()} for own in sums.values()]
     values = np.array([v for own in series for v in own.values()])
     middle, spread = values.mean(), max(float(values.var()), TINY_SQUARE)

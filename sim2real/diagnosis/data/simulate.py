@@ -66,24 +66,11 @@ class Run(NamedTuple):
 
 
 class _Lean(NamedTuple):
-    """A model as it is simulated."""
+    """A model without what cannot change its motions, as it is simulated."""
 
     spec: mujoco.MjSpec
     model: mujoco.MjModel
     stepped: dict[tuple[Any, ...], bool]  # by structure of effects: whether Python steps it
-
-    @staticmethod
-    def of(spec: mujoco.MjSpec) -> _Lean:
-        """Return a model without what cannot change its motions."""
-        made = lean(spec)
-        return _Lean(made, made.copy().compile(), {})
-
-
-class _Plan(NamedTuple):
-    """What a window needs of the simulation."""
-
-    schedule: Schedule
-    at: InterpolationPoints  # (T, M) when each joint was read
 
 
 def key_of(effect: Effect) -> tuple[Any, ...]:
@@ -115,28 +102,22 @@ class Simulator:
         models: Sequence[_Lean] | None = None,
     ) -> None:
         self.data, self.fixed, self.threads, self.on_run = data, tuple(fixed), threads, on_run
-        self.heat = Heat(data, self._paths)
+        self.heat = Heat(data, self.paths)
         self.work = Work() if work is None else work
-        self._models = [_Lean.of(spec) for spec in data.specs] if models is None else models
-        self._length = data.mask.shape[1]
-        self._plans = [self._plan(window) for window in data.windows]
-        self._places = np.array([joint.qpos for joint in data.joints])
-        self._spread = np.array([joint.spread for joint in data.joints])
+        if models is None:
+            specs = [lean(spec) for spec in data.specs]
+            models = [_Lean(spec, spec.copy().compile(), {}) for spec in specs]
+        self._models, self._length = models, data.mask.shape[1]
+        self._plans, self._read = [], []  # what is asked for; when each joint was read, (T, M)
+        for window in data.windows:
+            more = (0, self._length - len(window.sample)), (0, 0)
+            dt = data.models[window.model].opt.timestep
+            self._plans.append(schedule(window.recording, dt))
+            self._read.append(readings(np.pad(window.sample, more, "edge"), dt))
 
     def of(self, data: Data) -> Simulator:
         """Return a simulator of other windows of the same models, effects, cores and work."""
         return Simulator(data, self.fixed, self.threads, self.on_run, self.work, self._models)
-
-    def _plan(self, window: Window) -> _Plan:
-        dt = self.data.models[window.model].opt.timestep
-        padding = np.repeat(window.sample[-1:], self._length - len(window.sample), axis=0)
-        sample = np.concatenate([window.sample, padding])  # (T, M)
-        return _Plan(schedule(window.recording, dt), readings(sample, dt))
-
-    @property
-    def steps(self) -> int:
-        """Physics steps, of all rows."""
-        return self.work.total
 
     def run(self, effects: Sequence[Effect], windows: np.ndarray, values: np.ndarray) -> Simulated:
         """Simulate rows.
@@ -149,72 +130,59 @@ class Simulator:
         return self.run_each([Run(tuple(effects), windows, values)])[0]
 
     def run_each(self, runs: Sequence[Run]) -> list[Simulated]:
-        """Simulate the rows of several runs: what Python steps on several cores, side by side."""
+        """Simulate the rows of several runs.
+
+        What Python steps is done on several cores, side by side, and so is what is small; many rows
+        that the engine steps itself are done one chunk after the other, on all cores.
+        """
         found = [self.blank(len(run.windows)) for run in runs]
-        tasks, places = [], []
+        jobs = []
         for result, (effects, windows, values) in zip(found, runs, strict=True):
             models = np.array([self.data.windows[i].model for i in windows], int)
-            for model in np.unique(models):
-                rows = np.flatnonzero(models == model)
-                self._warm(effects, int(model), windows[rows])
+            for model in np.unique(models).tolist():
+                rows, stepped = np.flatnonzero(models == model), self._is_stepped(effects, model)
+                for effect in effects:
+                    if isinstance(effect, ThermalDerating):
+                        motors = effect.actuators(self.data.models[model])
+                        self.heat.learn(windows[rows], motors)
                 for chunk in np.array_split(rows, self._pieces(windows[rows], model)):
-                    for own in self._shares(effects, int(model), chunk):
+                    alone = len(chunk) >= SHARED and not stepped
+                    for own in self._shares(chunk) if stepped else [chunk]:
                         some = Run(effects, windows[own], values[own])
-                        tasks.append(partial(self._chunk, int(model), some))
-                        places.append((result, own))
-        for (result, own), part in zip(places, self._done(tasks), strict=True):
-            for all_, some in zip(result, part, strict=True):
+                        jobs.append((partial(self._chunk, model, some), alone, result, own))
+        shared = iter(self.together([task for task, alone, *_ in jobs if not alone]))
+        for task, alone, result, own in jobs:
+            for all_, some in zip(result, task() if alone else next(shared), strict=True):
                 all_[own] = some
         return found
-
-    def _warm(self, effects: Sequence[Effect], model: int, windows: np.ndarray) -> None:
-        for effect in effects:
-            if isinstance(effect, ThermalDerating):
-                self.heat.learn(windows, effect.actuators(self.data.models[model]))
 
     def blank(self, rows: int) -> Simulated:
         """Return what rows come to that follow the log to the bit."""
         shape = (rows, self._length, len(self.data.joints))
         return Simulated(np.zeros(shape), np.zeros(shape), np.full(rows, np.inf))
 
-    def _done(self, tasks: Sequence[partial[Simulated]]) -> list[Simulated]:
-        """Return what chunks come to.
-
-        Large ones that the engine steps itself are done one after the other, on all cores, the
-        others side by side.
-        """
-        large = [
-            len(run.windows) >= SHARED and not self._is_stepped(run.effects, model)
-            for model, run in (task.args for task in tasks)
-        ]
-        shared = [task for task, alone in zip(tasks, large, strict=True) if not alone]
-        done = iter(self.together(shared))
-        return [task() if alone else next(done) for task, alone in zip(tasks, large, strict=True)]
-
     def together(self, tasks: Sequence[Callable[[], T]]) -> list[T]:
         """Return what tasks return that simulate with this, done on several cores."""
         results = together([partial(self.work.apart, task) for task in tasks], self.threads)
         for _, part in results:
-            self.work.join(part)
+            self.work.add(*part)
         return [result for result, _ in results]
 
-    def _shares(self, effects: Sequence[Effect], model: int, rows: np.ndarray) -> list[np.ndarray]:
+    def _shares(self, rows: np.ndarray) -> list[np.ndarray]:
         """Return rows (n,) in as many shares as there are processes, where that saves time."""
-        few = len(rows) < SHARED
-        if few or not is_free() or not self._is_stepped(effects, model):
+        if len(rows) < SHARED or not is_free():
             return [rows]
         hands = self.threads or cores()
         count = hands * int(np.ceil(len(rows) / (hands * SHARE)))
-        most = 2 * len(rows) // SHARED
-        return np.array_split(rows, min(count, most))  # few effects in each
+        return np.array_split(rows, min(count, 2 * len(rows) // SHARED))  # few effects in each
 
     def _is_stepped(self, effects: Sequence[Effect], model: int) -> bool:
-        """Return whether something acts between the engine's steps."""
-        if any(plan.schedule.law is not None for plan in self._plans):
+        """Return whether rows take one core: something acts between steps, or a helper asks."""
+        if is_helper() or any(plan.law is not None for plan in self._plans):
             return True
-        for effect in effects or (None,):
-            own = () if effect is None else (effect,)
-            key, known = tuple(map(key_of, own)), self._models[model].stepped
+        known = self._models[model].stepped
+        for own in [(effect,) for effect in effects] or [()]:
+            key = tuple(map(key_of, own))
             if key not in known:
                 known[key] = bool(self._make(model, own, 1, 1).substep_rules)
             if known[key]:
@@ -222,59 +190,53 @@ class Simulator:
         return False
 
     def _pieces(self, windows: np.ndarray, model: int) -> int:
-        steps = max(self._plans[i].schedule.steps for i in windows)
+        steps = max(self._plans[i].steps for i in windows)
         width = self.data.models[model].nq + self.data.models[model].nu
         return max(1, int(np.ceil(len(windows) * steps * width * BYTES / BATCH)))
 
-    def _plant(self, effects: Sequence[Effect], model: int, rows: int) -> Plant:
-        alone = is_helper() or self._is_stepped(effects, model)
-        return self._make(model, effects, rows, 1 if alone else self.threads)
-
     def _make(self, model: int, effects: Sequence[Effect], rows: int, threads: int) -> Plant:
-        own = self._models[model]
+        own, threads = self._models[model], 1 if is_helper() else threads
         return Plant(own.spec, effects, rows, threads, fixed=self.fixed, nominal=own.model)
 
-    def _paths(
-        self, number: int, strengths: np.ndarray
+    def paths(
+        self, number: int, strengths: np.ndarray | None = None
     ) -> Iterator[tuple[mujoco.MjModel, np.ndarray, Schedule, np.ndarray]]:
         """Yield what the model does in each window of a log, motors weakened; see `Heat`."""
-        windows = np.array([i for i, w in enumerate(self.data.windows) if w.log == number])
-        model = self.data.windows[windows[0]].model
+        windows = [i for i, window in enumerate(self.data.windows) if window.log == number]
+        if not windows:
+            return
+        model = self.data.models[index := self.data.windows[windows[0]].model]
+        if strengths is None:
+            strengths = np.ones((len(windows), model.nu))
         weak = np.flatnonzero((strengths != 1).any(axis=0))
-        names = [self.data.models[model].actuator(int(motor)).name for motor in weak]
-        effects = [make("motor_strength", where=name) for name in names]
-        count, threads = len(windows), 1 if is_helper() else self.threads
-        plant = self._make(model, effects, count, threads)  # none that is in use
+        effects = [make("motor_strength", where=model.actuator(int(i)).name) for i in weak]
+        plant = self._make(index, effects, len(windows), self.threads)  # none that is in use
         _set(plant, strengths[:, weak])
-        plans = [self._plans[i].schedule for i in windows]
-        motion, bits = simulate(plant, plans), groups(plant.model.nu)
-        for row, (plan, path) in enumerate(zip(plans, motion.qpos, strict=True)):
+        plans, bits = [self._plans[i] for i in windows], groups(model.nu)
+        for row, (plan, path) in enumerate(zip(plans, simulate(plant, plans).qpos, strict=True)):
             on = (plan.off[:, None] >> bits & 1) == 0
-            yield actuated(plant, row), path[: plan.steps + 1], plan, on
+            yield _actuated(plant, row), path[: plan.steps + 1], plan, on
 
     def _chunk(self, model: int, run: Run) -> Simulated:
         effects, windows, values = run
         data, plans = self.data, [self._plans[i] for i in windows]
-        plant = self._plant(effects, model, len(windows))
+        threads = 1 if self._is_stepped(effects, model) else self.threads
+        plant = self._make(model, effects, len(windows), threads)
         _set(plant, values)
-        motion = simulate(
-            plant, [plan.schedule for plan in plans], lambda: self.heat.start(plant, windows)
-        )
+        motion = simulate(plant, plans, lambda: self.heat.start(plant, windows))
         steps = int(motion.steps.sum())
         self.work.add(motion.dt * steps, steps)
-        at = InterpolationPoints(
-            *(np.stack(part) for part in zip(*(plan.at for plan in plans), strict=True))
-        )
-        simulated, change = interpolate(motion.qpos[:, :, self._places], at)
+        at = map(np.stack, zip(*(self._read[i] for i in windows), strict=True))
+        places = [joint.qpos for joint in data.joints]
+        simulated, change = interpolate(motion.qpos[:, :, places], InterpolationPoints(*at))
         mask = data.mask[windows][..., None]
         error = np.where(mask, (simulated - data.measured[windows]) / data.scale, 0.0)
         slope = np.where(mask, change / motion.dt / data.scale, 0.0)
-        spread = np.maximum(self._spread, data.settings.preflight.count_min)
-        limit = data.settings.simulation.error_max * spread / data.scale
+        spread = [max(joint.spread, data.settings.preflight.count_min) for joint in data.joints]
+        limit = data.settings.simulation.error_max * np.array(spread) / data.scale
         error = np.where(np.isfinite(error), np.clip(error, -limit, limit), limit)
-        slope = np.nan_to_num(slope)
         self.on_run()
-        return Simulated(error, slope, motion.lost)
+        return Simulated(error, np.nan_to_num(slope), motion.lost)
 
 
 def errors_as_given(
@@ -285,7 +247,7 @@ def errors_as_given(
     return Simulator(some, fixed).run((), every, np.zeros((len(every), 0))).error
 
 
-def actuated(plant: Plant, row: int) -> mujoco.MjModel:
+def _actuated(plant: Plant, row: int) -> mujoco.MjModel:
     """Return the model with its actuators as a row of a plant has them."""
     model = copy(plant.nominal)
     model.actuator_forcelimited[:] = plant.model.actuator_forcelimited

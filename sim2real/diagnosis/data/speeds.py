@@ -55,20 +55,14 @@ def speed_at(
     return speed, np.sqrt(noise * inverse[:, 1, 1]) / step
 
 
-def _variances(moved: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _variances(moved: np.ndarray) -> list[np.ndarray]:
     """Return the variances of noise, acceleration and jerk, (V,) each, of steps (n, V)."""
-    squares = [_mean_square(np.diff(moved, order - 1, axis=0)) for order in (*MOVING, NOISY)]
-    noise = squares[-1] / comb(2 * NOISY, NOISY)
-    second, third = (
-        np.maximum(own - comb(2 * order, order) * noise, 0.0)
-        for order, own in zip(MOVING, squares[:-1], strict=True)
-    )
-    return noise, second, third
-
-
-def _mean_square(values: np.ndarray) -> np.ndarray:
-    """Return the mean square of values (n, V), 0 where there are none."""
-    return np.square(values).sum(axis=0) / max(len(values), 1)
+    orders = (NOISY, *MOVING)
+    steps = [np.diff(moved, order - 1, axis=0) for order in orders]
+    squares = [np.square(own).sum(axis=0) / max(len(own), 1) for own in steps]
+    noise = squares[0] / comb(2 * NOISY, NOISY)
+    scales = zip(orders[1:], squares[1:], strict=True)
+    return [noise, *(np.maximum(own - comb(2 * n, n) * noise, 0.0) for n, own in scales)]
 
 
 def _relative(one: np.ndarray, other: np.ndarray) -> np.ndarray:

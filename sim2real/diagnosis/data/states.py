@@ -11,7 +11,7 @@ No log has these columns; its commands imply them (MuJoCo, "Actuation model"):
 What depends on more than commands (muscles, DC motors, one's own) is refused by name.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import mujoco
@@ -22,6 +22,7 @@ from sim2real.runs.errors import Sim2RealError
 
 INTEGRATOR = int(mujoco.mjtDyn.mjDYN_INTEGRATOR)
 FILTERS = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
+INF = float("inf")
 NONE = int(mujoco.mjtDyn.mjDYN_NONE)
 
 
@@ -32,30 +33,23 @@ def with_states(log: Log, model: mujoco.MjModel) -> Log:
         Sim2RealError: an actuator whose state a log does not imply.
     """
     columns = {
-        f"act.{model.actuator(i).name}": np.concatenate(
-            [_path(part.columns, model, i) for part in log.episodes()]
-        )
-        for i in stateful(model)
+        name: np.concatenate([_path(part.columns, model, i) for part in log.episodes()])
+        for i, name in stateful(model).items()
     }
     return replace(log, columns={**log.columns, **columns}) if columns else log
 
 
 def state_of(log: Log, model: mujoco.MjModel) -> np.ndarray | None:
     """Return the actuators' states in the first row, (na,); None where the model has none."""
-    chosen = stateful(model)
-    if not chosen:
-        return None
-    state = np.zeros(model.na)
-    for i in chosen:
-        name = f"act.{model.actuator(i).name}"
-        own = log.columns.get(name)
-        first = _path(log.columns, model, i)[0] if own is None else own[0]
-        state[int(model.actuator_actadr[i])] = first
-    return state
+    state, names = np.zeros(model.na), stateful(model)
+    known = log if log.columns.keys() >= {*names.values()} else with_states(log, model)
+    for i, name in names.items():
+        state[int(model.actuator_actadr[i])] = known.column(name)[0]
+    return state if names else None
 
 
-def stateful(model: mujoco.MjModel) -> Sequence[int]:
-    """Return the actuators with a state that commands imply.
+def stateful(model: mujoco.MjModel) -> dict[int, str]:
+    """Return the column of each actuator with a state that commands imply.
 
     Raises:
         Sim2RealError: an actuator with another state.
@@ -68,7 +62,7 @@ def stateful(model: mujoco.MjModel) -> Sequence[int]:
                 f"the actuator {model.actuator(i).name!r} has a state ({kind}) that no log "
                 f"contains; give a model without it, such as <position> or <motor>"
             )
-    return found
+    return {i: f"act.{model.actuator(i).name}" for i in found}
 
 
 def _path(columns: Mapping[str, np.ndarray], model: mujoco.MjModel, index: int) -> np.ndarray:
@@ -77,22 +71,17 @@ def _path(columns: Mapping[str, np.ndarray], model: mujoco.MjModel, index: int) 
     ctrl = columns.get(f"ctrl.{name}", np.zeros(len(time)))
     if model.actuator_ctrllimited[index]:
         ctrl = np.clip(ctrl, *model.actuator_ctrlrange[index])
-    low, high = (-np.inf, np.inf)
-    if model.actuator_actlimited[index]:
-        low, high = model.actuator_actrange[index]
-    steps = np.diff(time)
-    path = np.empty(len(time))
+    limits = model.actuator_actrange[index] if model.actuator_actlimited[index] else (-INF, INF)
+    low, high = map(float, limits)
     if model.actuator_dyntype[index] == INTEGRATOR:
-        path[0] = _stands(columns, model, index)
-        gains = steps * ctrl[:-1]
-        for row, gain in enumerate(gains.tolist()):
-            path[row + 1] = min(max(path[row] + gain, low), high)
-        return path
-    kept = np.exp(-steps / max(float(model.actuator_dynprm[index, 0]), mujoco.mjMINVAL))
-    path[0] = ctrl[0]
-    for row, (share, sent) in enumerate(zip(kept.tolist(), ctrl[:-1].tolist(), strict=True)):
-        path[row + 1] = min(max(sent + share * (path[row] - sent), low), high)
-    return path
+        first, kept, added = _stands(columns, model, index), np.ones(len(time) - 1), np.diff(time)
+    else:
+        kept = np.exp(-np.diff(time) / max(float(model.actuator_dynprm[index, 0]), mujoco.mjMINVAL))
+        first, added = ctrl[0], 1 - kept
+    path = [float(first)]
+    for share, gain in zip(kept.tolist(), (added * ctrl[:-1]).tolist(), strict=True):
+        path.append(min(max(share * path[-1] + gain, low), high))
+    return np.array(path)
 
 
 def _stands(columns: Mapping[str, np.ndarray], model: mujoco.MjModel, index: int) -> float:

@@ -49,6 +49,7 @@ class Heat:
         self._settings = data.settings.simulation
         strengths = np.array([0.0, *self._settings.strengths[::-1], 1.0])
         self._nodes = strengths**2  # (S + 1,)
+        self._places = np.array([(window.log, window.start) for window in data.windows])  # (W, 2)
         self._known: dict[tuple[int, int | None], np.ndarray] = {}  # (S, 2, T, nu) N²·m²
 
     def start(self, plant: Plant, windows: np.ndarray) -> None:
@@ -59,15 +60,14 @@ class Heat:
 
     def learn(self, windows: np.ndarray, actuators: np.ndarray) -> None:
         """Work out what `start` needs for windows (R,) and motors (k,), once for all processes."""
-        for log in sorted({self._data.windows[int(window)].log for window in windows}):
+        for log in np.unique(self._places[windows, 0]).tolist():
             for weak in (None, *actuators.tolist()):
                 self._tables(log, weak)
 
     def _at(self, rule: _Derating, rows: np.ndarray, windows: np.ndarray) -> np.ndarray:
         """Return the heat of the rule's motors in some rows (n,), (n, k) N²·m²·s."""
         own = np.column_stack([rule.value[rows], rule.decay[rows], rule.braking[rows]])
-        logs = np.array([self._data.windows[int(window)].log for window in windows])
-        starts = np.array([self._data.windows[int(window)].start for window in windows])
+        logs, starts = self._places[windows].T
         heat = np.zeros((len(windows), len(rule.index)))
         for log in np.unique(logs):
             here = logs == log
@@ -105,17 +105,15 @@ class Heat:
         """Return by which factors squared torques change as the other motors weaken, (T, k)."""
         windows, left = self._windows(number), np.maximum(1.0 - point[0] * hot, 0.0)
         strengths = np.ones((len(windows), self._data.models[windows[0].model].nu))
-        for own, window in zip(strengths, windows, strict=True):
-            rows = slice(window.first, window.last)
+        pieces = [slice(window.first, window.last) for window in windows]
+        for own, rows in zip(strengths, pieces, strict=True):
             own[motors] = left[rows] = left[rows].mean(axis=0)
         both = self._both(number, strengths)[..., motors]
         found = _spared(both[None], point[None])[0, :, 0]
-        alone, factors = self._between(squares, left), np.ones(left.shape)
-        for window in windows:
-            rows = slice(window.first, window.last)
-            factors[rows] = found[rows].sum(axis=0) / np.maximum(
-                alone[rows].sum(axis=0), TINY_SQUARE
-            )
+        alone, factors = self._risen(self._rises(squares), left), np.ones(left.shape)
+        for rows in pieces:
+            least = np.maximum(alone[rows].sum(axis=0), TINY_SQUARE)
+            factors[rows] = found[rows].sum(axis=0) / least
         return factors
 
     def _integral(self, number: int, squares: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -138,20 +136,16 @@ class Heat:
                 heat[block] = before * kept[:, block - 1, None] + added
         return heat[np.searchsorted(starts, np.arange(len(log)), side="right") - 1]
 
-    def _between(self, squares: np.ndarray, left: np.ndarray) -> np.ndarray:
-        """Return the squared torques of motors of which that much strength is left, (n, k).
-
-        Those of none are 0; between them they follow the strength's square.
-        """
-        return self._risen(self._rises(squares), left)
-
     def _rises(self, squares: np.ndarray) -> np.ndarray:
         """Return how squared torques (S, ...) rise with the square of the strength left."""
         widths = np.diff(self._nodes).reshape(-1, *[1] * (squares.ndim - 1))
         return np.diff(squares, axis=0, prepend=np.zeros_like(squares[:1])) / widths
 
     def _risen(self, rises: np.ndarray, left: np.ndarray) -> np.ndarray:
-        """Return what rises (S, n, k) come to where strength (n, k) is left."""
+        """Return what rises (S, n, k) come to where strength (n, k) is left.
+
+        None left makes no torque; between the nodes squared torques follow the strength's square.
+        """
         nodes = self._nodes[:, None, None]
         low, high = nodes[:-1], nodes[1:]
         return (rises * (np.clip(left * left, low, high) - low)).sum(axis=0)

@@ -17,7 +17,6 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from multiprocessing.connection import Connection, Pipe
 from typing import Any, TypeVar
 
@@ -80,13 +79,23 @@ def _taken(numbers: int) -> Iterator[int]:
 
 
 def _helper(tasks: Sequence[Callable[[], Any]], numbers: int) -> tuple[int, Connection]:
-    """Fork a process that does tasks; return it and where its results come from."""
+    """Fork a process that does tasks; return it and where its results come from.
+
+    No garbage is collected meanwhile: a pool of threads, deleted where its threads are not, waits
+    for ever, and a collection may begin in the first lines after a fork, before any of ours.
+    """
     here, there = Pipe(duplex=False)
-    with warnings.catch_warnings(), _no_collection():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of threads: helpers use none of them
-        child = os.fork()
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # of threads: helpers use none
+            child = os.fork()
         if child == 0:
             gc.freeze()
+    finally:
+        if enabled:
+            gc.enable()
     if child == 0:
         here.close()
         _work(tasks, numbers, there)
@@ -94,33 +103,16 @@ def _helper(tasks: Sequence[Callable[[], Any]], numbers: int) -> tuple[int, Conn
     return child, here
 
 
-@contextmanager
-def _no_collection() -> Iterator[None]:
-    """Collect no garbage: a pool of threads, deleted where its threads are not, waits for ever.
-
-    A collection may begin in the first lines after a fork, before any of ours.
-    """
-    enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if enabled:
-            gc.enable()
-
-
 def _work(tasks: Sequence[Callable[[], Any]], numbers: int, answer: Connection) -> None:
     """Do tasks, say what they return and end this process; never returns."""
     global _forked
+    _forked = True
     try:
-        _forked = True
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent says when it is over
-        results: Any
         try:
-            results = {number: tasks[number]() for number in _taken(numbers)}
+            answer.send({number: tasks[number]() for number in _taken(numbers)})
         except Exception as error:
-            results = error
-        answer.send(results)
+            answer.send(error)
     finally:
         os._exit(0)
 

@@ -9,8 +9,8 @@ Each recording is one row; rows that diverge are NaN from there on.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -35,20 +35,14 @@ NEWS = 0.1  # of the commands' largest motions: a further piece shows at least s
 BYTES = 8  # of a number
 
 
-@dataclass(frozen=True)
-class Piece:
-    """Some rows of one episode.
+class Piece(NamedTuple):
+    """Some rows of one episode."""
 
-    Args:
-        number: the log's number, in the order given.
-        log: these rows alone, their time from 0.
-        before: columns of the rows just before; None where the piece starts with its episode, empty
-            where they are not known.
-    """
-
-    number: int
-    log: Log
+    number: int  # of the log, in the order given
+    log: Log  # these rows alone, their time from 0
     before: Columns | None = None
+    """Columns of the rows just before; None where the piece starts with its episode, empty where
+    they are not known."""
 
     def recording(self, model: mujoco.MjModel) -> Recording:
         """Return the piece in the order of a model's joints and actuators."""
@@ -79,35 +73,31 @@ def choose(logs: Sequence[Log], seconds: float, most: int) -> list[Piece]:
         seconds: length of a piece.
         most: number of pieces at most.
     """
-    found: list[tuple[int, int, int, dict[str, float]]] = []
+    cuts: list[tuple[int, int, int]] = []  # number of the log, first and last row
     for number, log in enumerate(logs):
         for own in episode_rows(log):
             time = log.time[own]
             ends = np.searchsorted(time, np.arange(time[0], time[-1], seconds) - ROUNDING)
-            for first, last in pairwise([*(own.start + ends).tolist(), own.stop]):
-                if last - first >= 2 * NEAR + 1:
-                    ctrl = {n: log.column(f"ctrl.{n}")[first:last] for n in log.actuators}
-                    stir = {n: float(values.std()) for n, values in ctrl.items()}
-                    found.append((number, first, last, stir))
+            rows = pairwise([*(own.start + ends).tolist(), own.stop])
+            cuts += [(number, first, last) for first, last in rows if last - first > 2 * NEAR]
     hunts = [hunting_rows(log) for log in logs]
-    found = [one for one in found if not hunts[one[0]][one[1] : one[2]].any()] or found
-    best = {
-        name: max([f[3].get(name, 0.0) for f in found], default=0)
-        for log in logs
-        for name in log.actuators
-    }
-    seen = {name: 0.0 for name, size in best.items() if size > STIR}
-    chosen = []
-    while found and len(chosen) < most:
-        gains = [
-            sum(max(stir.get(n, 0.0) / best[n] - seen[n], 0.0) for n in seen) for *_, stir in found
-        ]
+    cuts = [one for one in cuts if not hunts[one[0]][slice(*one[1:])].any()] or cuts
+    names = list(dict.fromkeys(name for log in logs for name in log.actuators))
+    stirs = np.zeros((len(cuts), len(names)))
+    for row, (number, first, last) in zip(stirs, cuts, strict=True):
+        for place, name in enumerate(names):
+            if name in logs[number].actuators:
+                row[place] = logs[number].column(f"ctrl.{name}")[first:last].std()
+    best = stirs.max(axis=0, initial=0.0)
+    shares = stirs[:, best > STIR] / best[best > STIR]
+    seen, chosen = np.zeros(shares.shape[1]), []
+    while len(chosen) < min(most, len(cuts)):
+        gains = np.maximum(shares - seen, 0.0).sum(axis=1)
         top = int(np.argmax(gains))
         if chosen and gains[top] < NEWS:
             break
-        number, first, last, stir = found.pop(top)
-        seen = {n: max(seen[n], stir.get(n, 0.0) / best[n]) for n in seen}
-        chosen.append(piece(logs[number], number, first, last))
+        seen = np.maximum(seen, shares[top])
+        chosen.append(piece(logs[cuts[top][0]], *cuts[top]))
     return chosen
 
 
@@ -130,8 +120,7 @@ def trial(
     size = len(plans) * max(plan.steps for plan in plans) * width * BYTES  # bytes
     paths: list[np.ndarray] = []
     for chunk in np.array_split(np.arange(len(plans)), int(np.ceil(size / LARGEST))):
-        motion = simulate(
-            Plant(plant_spec, num_rows=len(chunk), fixed=fixed), [plans[i] for i in chunk]
-        )
+        plant = Plant(plant_spec, num_rows=len(chunk), fixed=fixed)
+        motion = simulate(plant, [plans[i] for i in chunk])
         paths += [motion.at_rows(k, recordings[i]) for k, i in enumerate(chunk)]
     return paths

@@ -21,6 +21,7 @@ from hardware.log import Log
 from sim2real.diagnosis.data.recording import (
     columns_of,
     episode_rows,
+    powered,
     rows_before,
     rows_of,
     to_recording,
@@ -31,11 +32,17 @@ from sim2real.runs.errors import Sim2RealError
 
 BLOCKED = "flag.blocked"  # the column of rows in which something is in the robot's way
 HUNTING = "flag.hunting"  # the column of rows in which a servo's loop hunts
+HALF = 0.5  # of a window's rows
 
 
 def hunting_rows(log: Log) -> np.ndarray:
     """Return in which rows of a log a servo's loop hunts, (T,) bool; false where none is marked."""
     return log.columns.get(HUNTING, np.zeros(len(log))) > 0
+
+
+def blocked_rows(log: Log) -> np.ndarray:
+    """Return in which rows of a log something is in the robot's way, (T,) bool."""
+    return log.columns.get(BLOCKED, np.zeros(len(log))) > 0
 
 
 class Joint(NamedTuple):
@@ -88,6 +95,7 @@ def cut(
     """
     servo = all(is_driven(models[0], joint.qpos) for joint in joints)
     state = settings.unsure_s if unsure(logs, models, joints) else settings.state_s
+    ahead = (settings.warm_s if servo else 0.0) + ROUNDING
     parts = [
         (n, part, own.start)
         for n, log in enumerate(logs)
@@ -101,17 +109,15 @@ def cut(
         length = float(np.clip(usual, settings.shortest_s, most)) if servo else state
         pieces = max(1, round(float(part.time[-1] - part.time[0]) / length))
         cuts = _cuts(part, joints, pieces, settings) if servo else _even(part, pieces)
-        cuts[0] = _first_row(part, models[which[number]])
+        own = which[number]
+        cuts[0] = _first_row(part, models[own])
         for first, last in pairwise(_anew(part, cuts, settings)):
-            ahead = settings.warm_s if servo else 0.0
-            warm = int(np.searchsorted(part.time, part.time[first] - ahead - ROUNDING))
-            warm = max(warm, int(cuts[0]))
+            warm = max(int(np.searchsorted(part.time, part.time[first] - ahead)), int(cuts[0]))
             last = warm + _calm_rows(part, warm, last, settings)
-            rows = (start + warm, start + first, start + last)
-            if last - first > 1 and _free(part, first, last):
-                own = which[number]
-                log, model = logs[number], models[own]
-                windows.append(cut_one(log, number, own, model, joints, rows, settings))
+            if last - first > 1 and blocked_rows(part)[first:last].mean() < HALF:
+                rows = (start + warm, start + first, start + last)
+                args = (logs[number], number, own, models[own], joints, rows, settings)
+                windows.append(cut_one(*args))
     empty = [n for n in range(len(logs)) if all(window.log != n for window in windows)]
     if empty:
         place = logs[empty[0]].path or f"log {empty[0] + 1} of {len(logs)}"
@@ -150,11 +156,6 @@ def _pace(part: Log, settings: Windows) -> float:
     return min(2 * seconds / (max(turns, default=0) + 1), settings.slowest_s)
 
 
-def _free(part: Log, first: int, last: int) -> bool:
-    """Return whether nothing is in the robot's way in most of some rows."""
-    return BLOCKED not in part.columns or 2 * part.columns[BLOCKED][first:last].mean() < 1
-
-
 def _anew(part: Log, cuts: np.ndarray, settings: Windows) -> np.ndarray:
     """Return cuts, and one where a loop has hunted and is at rest again, after its warm-up.
 
@@ -173,10 +174,8 @@ def _calm_rows(part: Log, first: int, last: int, settings: Windows) -> int:
     What the robot does afterwards hangs on the phase in which hunting stops, which no start tells.
     """
     before = int(np.searchsorted(part.time, part.time[first] - settings.shortest_s))
-    hunts = hunting_rows(part)
-    if hunts[before : first + 1].any():
-        return 0
-    return int(np.argmax(hunts[first:last])) if hunts[first:last].any() else last - first
+    hunts = np.flatnonzero(hunting_rows(part)[before:last]) + before
+    return last - first if not hunts.size else max(int(hunts[0]) - first, 0)
 
 
 def reversals(values: np.ndarray, size: float) -> int:
@@ -200,17 +199,13 @@ def _cuts(part: Log, joints: Sequence[Joint], pieces: int, settings: Windows) ->
     time, even = part.time, _even(part, pieces)
     if pieces == 1:
         return even
-    unrest = np.zeros(len(part))
-    for joint in joints:
-        speed = np.abs(np.gradient(part.column(f"qpos.{joint.name}"), time))
-        unrest += speed / max(joint.spread, TINY)
-    for name in part.actuators:
-        command = part.column(f"ctrl.{name}")
-        spread = max(float(command.std()), TINY)
-        unrest += np.abs(np.gradient(command, time)) / spread
+    moving = [(part.column(f"qpos.{joint.name}"), joint.spread) for joint in joints]
+    commands = [part.column(f"ctrl.{name}") for name in part.actuators]
+    moving += [(command, float(command.std())) for command in commands]
+    rates = [np.abs(np.gradient(one, time)) / max(spread, TINY) for one, spread in moving]
+    unrest = np.sum(rates, axis=0)
     for name in part.actuators:  # a row without torque is less calm than any other
-        if f"torque.{name}" in part.columns:
-            unrest += unrest.max() * (part.column(f"torque.{name}") <= 0)
+        unrest = unrest + unrest.max() * ~powered(part, name)
     rate = (len(time) - 1) / (time[-1] - time[0])
     warm, width = max(1, round(settings.warm_s * rate)), settings.unrest_rows
     smooth = np.convolve(unrest, np.ones(width) / width, "same")
@@ -234,22 +229,18 @@ def cut_one(
 ) -> Window:
     """Return the window whose warm-up, comparison and end are at these rows of a log."""
     warm, first, last = rows
-    origin = float(log.time[warm])
+    origin, scored = float(log.time[warm]), slice(first, last)
     recording = to_recording(rows_of(log, warm, last), model, rows_before(log, warm))
-    scored = slice(first, last)
-    stamps = [f"stamp.{joint.name}" for joint in joints]
-    sample = np.column_stack(
-        [log.columns.get(s, log.time)[scored] - origin for s in stamps]
-    )  # (T, M)
+    stamps = [log.columns.get(f"stamp.{joint.name}", log.time)[scored] for joint in joints]
     measured = np.column_stack([log.column(f"qpos.{joint.name}")[scored] for joint in joints])
     spread = np.array([joint.spread for joint in joints])
-    moving = [np.abs(np.diff(measured, axis=0)).mean(axis=0) / np.maximum(spread, TINY)]
+    moving = np.abs(np.diff(measured, axis=0)).mean(axis=0) / np.maximum(spread, TINY)
     off = 0.0 if recording.powered is None else float(1 - recording.powered.mean())
     lively = float(np.mean(moving)) / max(float(np.diff(log.time[scored]).mean()), TINY)
-    episode = int(log.episode[first])
     usable = _usable(log, warm, last, settings)[first - warm :]
-    rest = (sample, measured, usable, lively, off)
-    return Window(number, episode, which, warm, first, last, recording, *rest)
+    place = (number, int(log.episode[first]), which, warm, first, last)
+    sample = np.column_stack(stamps) - origin  # (T, M)
+    return Window(*place, recording, sample, measured, usable, lively, off)
 
 
 def _usable(log: Log, first: int, last: int, settings: Windows = DEFAULT.windows) -> np.ndarray:
@@ -261,14 +252,12 @@ def _usable(log: Log, first: int, last: int, settings: Windows = DEFAULT.windows
     time = log.time[first:last]
     good = log.fresh[first:last].copy()
     for name in log.actuators:
-        column = f"torque.{name}"
-        if column in log.columns:
-            on = np.diff((log.columns[column][first:last] > 0).astype(int)) > 0
-            for moment in time[1:][on]:
-                start, end = moment - settings.kick_before_s, moment + settings.kick_s
-                good &= (time < start) | (time > end)
-    free = log.columns.get(BLOCKED, np.zeros(len(log)))[first:last] <= 0
-    return free & (good if good.sum() > 1 else np.ones(last - first, bool))
+        on = powered(log, name)[first:last]
+        for moment in time[1:][on[1:] & ~on[:-1]]:
+            start, end = moment - settings.kick_before_s, moment + settings.kick_s
+            good &= (time < start) | (time > end)
+    free = ~blocked_rows(log)[first:last]
+    return free & (good if good.sum() > 1 else True)
 
 
 def unsure(logs: Sequence[Log], models: Sequence[mujoco.MjModel], joints: Sequence[Joint]) -> bool:

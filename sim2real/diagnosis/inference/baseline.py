@@ -50,7 +50,7 @@ class Baseline:
         data, count = replayer.data, len(replayer.every)
         errors, lost = replayer.follow(NONE, np.zeros((count, 0)))
         _refuse_lost(data, lost)
-        blocks = Blocks(data, replayer.every, rng, coherence(data, errors))
+        blocks = Blocks(data, rng, coherence(data, errors))
         return Baseline(data, errors, data.floors(), blocks)
 
     @property
@@ -77,14 +77,11 @@ class Baseline:
             rng: of the bootstrap.
         """
         data, settings = self.data, self.data.settings
-        names = [joint.name for joint in data.joints]
-        floor = dict(zip(names, map(float, self.floors), strict=True))
-        scale = dict(zip(names, map(float, data.scale), strict=True))
+        floors, scale, models = self.floors, data.scale, data.log_models
         gaps = as_gaps(data, self.errors)
         later = [] if after is None else as_gaps(data, after)
-        models = [data.models[index] for index in data.which]
-        where = locate(gaps, floor, models, later, rng=rng, scale=scale, settings=settings)
-        return where, bands(gaps, floor, later, settings.locating)
+        where = locate(gaps, floors, models, later, rng=rng, scale=scale, settings=settings)
+        return where, bands(gaps, floors, later, settings.locating)
 
 
 def _refuse_lost(data: Data, lost: np.ndarray) -> None:

@@ -5,16 +5,17 @@
 
 Damped Gauss-Newton steps (Levenberg and Marquardt) in the metric of the likelihood: where starts
 or usual errors explain a change as well, it moves nothing. Of several points each fold keeps the
-best before it refines; of two dampings, tried side by side, the better. Whole numbers move by one
-as long as that is better. The discrepancy's size is estimated anew at each trial, so that a step is
-judged by the density that decides.
+best before it refines. Slopes are finite differences at first; each step corrects them by what it
+changed (Broyden 1965, doi:10.1090/S0025-5718-1965-0198670-6), and where they lead no further they
+are taken anew. Whole numbers move by one as long as that is better. The discrepancy's size is
+estimated anew at each trial, so that a step is judged by the density that decides.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,10 +23,9 @@ from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import Likelihood, Trained
 from sim2real.diagnosis.inference.replayer import Job, Replay, Replayer
 from sim2real.diagnosis.inference.score import FOLDS
+from sim2real.diagnosis.settings import TINY
 
 BETTER = 0.05  # nats: gains below it are rounding
-FAILED = 1e-2  # damping at least, where a step failed
-GROWTH = 10.0  # by which dampings grow where a step fails, and shrink where it does not
 
 
 class Start(NamedTuple):
@@ -186,51 +186,58 @@ class Fitter:
 
     def _step(self, states: Sequence[_State]) -> list[_State]:
         """Take one step with each, and return those that may gain from another."""
+        self._differentiate([state for state in states if state.slopes is None])
+        trials = [self._trial(state) for state in states]
+        pairs = [(state.hypothesis, values) for state, values in zip(states, trials, strict=True)]
+        made = zip(states, trials, self._replay(pairs), strict=True)
+        return [state for state, values, replay in made if self._improve(state, values, replay)]
+
+    def _differentiate(self, states: Sequence[_State]) -> None:
+        """Give each the slopes of its errors with its values, by finite differences."""
         nudges = [
             state.nudges(self.settings.difference, self.settings.difference_min) for state in states
         ]
         jobs = [
             (state.hypothesis, state.values + nudge * (np.arange(nudge.shape[1]) == place))
             for state, nudge in zip(states, nudges, strict=True)
-            for place in np.flatnonzero(state.hypothesis.smooth)
+            for place in state.places
         ]
         moved = iter(self._replay(jobs))
-        trials = []
         for state, nudge in zip(states, nudges, strict=True):
-            places = np.flatnonzero(state.hypothesis.smooth)
-            slopes = [state.slope(next(moved), nudge[:, place], self.fold) for place in places]
-            trials += self._trials(state, places, slopes)
-        made = iter(self._replay([(t.hypothesis, t.values) for t in trials]))
-        rest = iter(trials)
-        return [state for state in states if self._improve(state, rest, made)]
+            slopes = [
+                state.slope(next(moved), nudge[:, place], self.fold) for place in state.places
+            ]
+            state.slopes, state.fresh = np.stack(slopes, axis=-1), True
 
-    def _trials(self, state: _State, places: np.ndarray, slopes: Sequence[Replay]) -> list[_Trial]:
-        """Return the points of a whole step and of a short one, (2, P) each."""
-        vectors = np.stack([state.replay.error, *(one.error for one in slopes)], axis=-1)
-        size = self.settings.reach * state.hypothesis.size[places]
-        whole, short = state.values.copy(), state.values.copy()
+    def _trial(self, state: _State) -> np.ndarray:
+        """Return the values of a damped step, (2, P)."""
+        vectors = np.concatenate([state.replay.error[..., None], state.slopes], axis=-1)
+        size = self.settings.reach * state.hypothesis.size[state.places]
+        found = state.values.copy()
         for side, own in enumerate(self.sides):
             products = self.likelihood.curvature(state.trained[side], vectors, own)
             curve, down = products[1:, 1:], products[1:, 0]
+            damping = state.damping[side] + self.settings.ridge
             diagonal = np.diag(curve) + 1 / size**2
-            for values, ratio in ((whole, 1.0), (short, self.settings.damping_ratio)):
-                damping = ratio * state.damping[side] + self.settings.ridge
-                values[side, places] -= np.linalg.solve(curve + np.diag(damping * diagonal), down)
-        clip = state.hypothesis.clip
-        return [_Trial(state.hypothesis, clip(values)) for values in (whole, short)]
+            step = np.linalg.solve(curve + np.diag(damping * diagonal), down)
+            found[side, state.places] -= step
+        return state.hypothesis.clip(found)
 
-    def _improve(self, state: _State, trials: Iterator[_Trial], made: Iterator[Replay]) -> bool:
-        """Keep what is better of a state's two trials; return whether another step may gain."""
-        gain = np.zeros(FOLDS)
-        for trial, replay in zip(
-            (next(trials), next(trials)), (next(made), next(made)), strict=True
-        ):
-            other = _State(*trial, replay, *self._train(replay, state.trained))
-            gain += np.maximum(state.take(other, self.fold), 0.0)
-        state.gain = gain
-        good = gain > self.settings.settled
-        shrunk = np.maximum(state.damping / GROWTH, self.settings.damping)
-        state.damping = np.where(good, shrunk, np.maximum(state.damping, FAILED) * GROWTH)
+    def _improve(self, state: _State, values: np.ndarray, replay: Replay) -> bool:
+        """Keep what is better of a trial; return whether another step may gain."""
+        other = _State(state.hypothesis, values, replay, *self._train(replay, state.trained))
+        before, error = state.values.copy(), state.replay.error
+        state.gain = np.maximum(state.take(other, self.fold), 0.0)
+        good, again = state.gain > self.settings.settled, not state.fresh
+        if good.any():
+            state.learn(values - before, replay.error - error, self.fold)
+        elif again:
+            state.slopes = None
+            return True
+        state.fresh = False
+        ratio = self.settings.damping_ratio
+        shrunk = np.maximum(state.damping / ratio, self.settings.damping)
+        state.damping = np.where(good, shrunk, state.damping * ratio)
         state.failed = np.where(good, 0, state.failed + 1)
         return bool(good.any() or (state.failed < FOLDS).any())
 
@@ -280,11 +287,6 @@ class Fitter:
         return np.where((self.fold == side)[:, None, None], own, held)
 
 
-class _Trial(NamedTuple):
-    hypothesis: Hypothesis
-    values: np.ndarray  # (2, P)
-
-
 class _State:
     """A fit on its way: the best values of each fold so far, and the errors there."""
 
@@ -300,6 +302,9 @@ class _State:
         self.trained, self.density = list(trained), density.copy()
         self.damping, self.failed = np.zeros(FOLDS), np.zeros(FOLDS, int)
         self.gain = np.zeros(FOLDS)  # of the last step [nats]
+        self.places = np.flatnonzero(hypothesis.smooth)
+        self.slopes: Any = None  # (W, N, M, P) of the errors, None: unknown
+        self.fresh = False  # whether they are those of the present values
 
     def take(self, other: _State, fold: np.ndarray) -> np.ndarray:
         """Take over what the other does better in a fold; return the gains [nats], (2,)."""
@@ -318,10 +323,17 @@ class _State:
         step = np.maximum(share * np.abs(self.values), least * self.hypothesis.size)
         return np.where(self.values + step > self.hypothesis.high, -step, step)
 
-    def slope(self, moved: Replay, nudge: np.ndarray, fold: np.ndarray) -> Replay:
-        """Return by how much a replay changes with a value, nudge (2,) by fold."""
-        pairs = zip(moved, self.replay, strict=True)
-        return Replay(*((a - b) / _wide(nudge[fold], a) for a, b in pairs))
+    def slope(self, moved: Replay, nudge: np.ndarray, fold: np.ndarray) -> np.ndarray:
+        """Return by how much errors change with a value, (W, N, M), nudge (2,) by fold."""
+        return (moved.error - self.replay.error) / _wide(nudge[fold], moved.error)
+
+    def learn(self, step: np.ndarray, change: np.ndarray, fold: np.ndarray) -> None:
+        """Let the slopes say how errors changed, (W, N, M), by a step of the values, (2, P)."""
+        step = step[:, self.places]
+        scaled = step / np.square(self.hypothesis.size[self.places])
+        scaled /= np.maximum((scaled * step).sum(axis=1, keepdims=True), TINY)
+        missed = change - np.einsum("wnmp,wp->wnm", self.slopes, step[fold])
+        self.slopes += missed[..., None] * scaled[fold][:, None, None]
 
 
 def _wide(values: np.ndarray, like: np.ndarray) -> np.ndarray:

@@ -1,5 +1,6 @@
-"""A quicker look at the windows: some of them, in longer time steps, for what is only tried.
+"""Quicker looks at the windows: in longer time steps, and at some of them, for what is only tried.
 
+quick = Quick(fitter, given, coarse)        # all windows
 glance = Glance(fitter, given, local, common)
 glance.anchor(best)                         # what longer steps change is what they change of it
 """
@@ -12,58 +13,83 @@ from sim2real.diagnosis.inference.fit import Fit, Fitter
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import Likelihood
 from sim2real.diagnosis.inference.replayer import Replayer
+from sim2real.diagnosis.inference.score import FOLDS
 from sim2real.diagnosis.inference.unknowns import is_lost
 
 NONE = Hypothesis(())
-HALVES = 2  # every second window at most
-SPRINGS = 2  # times shorter steps of models with springs or play
+HALVES = 2  # half of the windows at most
 LEAST = 3  # windows of a fold that changes are screened on
 
 
-class Glance(Fitter):
+class Quick(Fitter):
+    """What fits in longer time steps.
+
+    What longer steps change of the model as given is taken off all errors.
+
+    Args:
+        fitter: in the model's own steps, of all windows.
+        given: the model as given.
+        coarse: replays the windows that are looked at.
+        chosen: which these are, (n,); None: all.
+        likelihood: of these; None: the fitter's.
+    """
+
+    def __init__(
+        self,
+        fitter: Fitter,
+        given: Fit,
+        coarse: Replayer,
+        chosen: np.ndarray | None = None,
+        likelihood: Likelihood | None = None,
+    ) -> None:
+        self.chosen = fitter.replayer.every if chosen is None else chosen
+        own = fitter.likelihood if likelihood is None else likelihood
+        super().__init__(coarse, own, fitter.fold[self.chosen])
+        self.anchor(given)
+
+    def anchor(self, fit: Fit) -> None:
+        """Take off all errors what longer steps change of a fit of all windows."""
+        values = fit.values[self.fold]
+        self.replayer.anchor(fit.hypothesis, values, fit.own[self.chosen])
+
+
+class Glance(Quick):
     """What changes are screened with: some windows of each fold, in longer time steps.
 
-    What longer steps change of the model as given is taken off all errors; where it is lost, they
-    would change everything. What adds a spring or play takes shorter steps.
+    Half of them are those with most to explain, the others lie evenly over the rest.
 
     Args:
         fitter: of all windows.
-        given: errors of the model as given, (W, N, M).
+        given: the model as given.
+        left: what there is to explain in each window [nats], (W,).
         local: see `Likelihood`.
         common: see `Likelihood`.
     """
 
     def __init__(
-        self, fitter: Fitter, given: np.ndarray, local: np.ndarray, common: np.ndarray
+        self,
+        fitter: Fitter,
+        given: Fit,
+        left: np.ndarray,
+        local: np.ndarray,
+        common: np.ndarray,
     ) -> None:
         every, settings = fitter.replayer, fitter.settings
-        seconds = sum(float(np.ptp(own)) for own in every.times)
-        often = max(HALVES, math.ceil(seconds / settings.glance_s))
-        steps = [max(1, min(often, len(own) // LEAST)) for own in fitter.sides]
-        some = [own[::step] for own, step in zip(fitter.sides, steps, strict=True)]
-        self.chosen = np.sort(np.concatenate(some))
-        self._coarse: list[Replayer] = []
-        replayer = every.part(self.chosen)
-        if not is_lost(every, given):
-            replayer = _stepping(every, self.chosen, settings.coarse_s)
-            replayer.finer = _stepping(every, self.chosen, settings.coarse_s / SPRINGS)
-            self._coarse = [replayer, replayer.finer]
-        rows = replayer.times, replayer.used, replayer.noise
-        basis = fitter.likelihood.basis.part(self.chosen)
-        directions = local[self.chosen], common[self.chosen]
-        likelihood = Likelihood(*rows, *directions, settings, basis)
-        super().__init__(replayer, likelihood, fitter.fold[self.chosen])
-        self._take_off(NONE, np.zeros((len(self.chosen), 0)), given)
-
-    def anchor(self, fit: Fit) -> None:
-        """Take off all errors what longer steps change of a fit of all windows."""
-        self._take_off(fit.hypothesis, fit.values[self.fold], fit.own)
-
-    def _take_off(self, hypothesis: Hypothesis, values: np.ndarray, errors: np.ndarray) -> None:
-        for replayer in self._coarse:
-            replayer.anchor(hypothesis, values, errors[self.chosen])
+        seconds = float(np.mean([np.ptp(own) for own in every.times]))  # of a window
+        wanted = max(LEAST, math.ceil(settings.glance_s / FOLDS / seconds))
+        counts = [min(wanted, max(LEAST, len(own) // HALVES), len(own)) for own in fitter.sides]
+        pairs = zip(fitter.sides, counts, strict=True)
+        chosen = np.sort(np.concatenate([_pick(own, left[own], n) for own, n in pairs]))
+        rows = every.times[chosen], every.used[chosen], every.noise
+        basis = fitter.likelihood.basis.part(chosen)
+        likelihood = Likelihood(*rows, local[chosen], common[chosen], settings, basis)
+        coarse = every.coarsen(chosen, lost=is_lost(every, given.own))
+        super().__init__(fitter, given, coarse, chosen, likelihood)
 
 
-def _stepping(every: Replayer, chosen: np.ndarray, most: float) -> Replayer:
-    """Return a replayer of some windows, (n,), in steps of at most so long [s], or as they are."""
-    return every.part(chosen, every.data.stepping(most))
+def _pick(windows: np.ndarray, left: np.ndarray, count: int) -> np.ndarray:
+    """Return so many of some windows, (n,): half of them with most left, (n,), and others."""
+    most = windows[np.argsort(-left)[: count // HALVES]]
+    rest = np.setdiff1d(windows, most)
+    places = np.linspace(0, len(rest) - 1, count - len(most)).round().astype(int)
+    return np.concatenate([most, rest[places]])

@@ -83,6 +83,11 @@ class Hypothesis:
         return tuple(m for m in self.members if isinstance(m, LogChange))
 
     @property
+    def adds_structure(self) -> bool:
+        """Whether it adds a spring or play, which swings faster than the robot."""
+        return any(member.adds_structure for member in self.effects)
+
+    @property
     def mended(self) -> frozenset[str]:
         """The labels of these."""
         return frozenset(change.label for change in self.changes)

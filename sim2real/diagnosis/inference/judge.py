@@ -12,8 +12,7 @@ member as long as each wins what the tolerance asks for, and loses those that do
 from __future__ import annotations
 
 import math
-import operator
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -31,30 +30,16 @@ from sim2real.diagnosis.inference.decision import (
 )
 from sim2real.diagnosis.inference.distance import stands_alone
 from sim2real.diagnosis.inference.episodes import follows_episodes
-from sim2real.diagnosis.inference.fit import Fit, Start
-from sim2real.diagnosis.inference.glance import HALVES, NONE, Glance
+from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
+from sim2real.diagnosis.inference.glance import NONE
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import HALF, Basis
-from sim2real.diagnosis.inference.moves import (
-    is_part,
-    list_simpler,
-    pick_distinct,
-    rank_fits,
-    restart,
-    without,
-)
+from sim2real.diagnosis.inference.moves import is_part, pick_distinct, rank_fits, restart, without
 from sim2real.diagnosis.inference.pushes import Pushed, find_pushes
-from sim2real.diagnosis.inference.replayer import Replayer
+from sim2real.diagnosis.inference.replayer import Job, Replayer
 from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, Gain, deal_folds
-from sim2real.diagnosis.inference.screen import (
-    Line,
-    list_promising,
-    pick_alike,
-    pick_pairs,
-    pick_starts,
-    trace_lines,
-)
-from sim2real.diagnosis.inference.unknowns import make_fitter
+from sim2real.diagnosis.inference.search import Search, is_better, keep_better
+from sim2real.diagnosis.inference.unknowns import is_lost, make_fitter
 from sim2real.diagnosis.inference.vocabulary import Vocabulary
 from sim2real.diagnosis.schema import Verdict
 
@@ -127,9 +112,11 @@ class Judge:
         noise, self.rows = self.replayer.noise, self.replayer.compared
         self.most = np.maximum(self.replayer.count, noise) / noise  # a count, in noises
         self.basis: Basis | None = None
-        given, *unknown = self._look(NONE, np.zeros((FOLDS, 0)))
-        self.glance = Glance(self.fitter, given, *unknown)
-        self.lines: list[Line] = []  # through all probes, beside the model as given
+        every = self.replayer.every
+        (given,) = self.replayer.replay([Job(NONE, np.zeros((len(every), 0)), every)])
+        self.coarse = self.replayer.coarsen(every, is_lost(self.replayer, given.error))
+        unknown = self._look(NONE, np.zeros((FOLDS, 0)))
+        self.search = Search(self, *unknown)
 
     def judge(self, vocabulary: Vocabulary) -> Judgement:
         """Return the judgement on the gap.
@@ -142,11 +129,12 @@ class Judge:
         while len(best.hypothesis.members) < self.settings.members_max:
             added = f" in addition to {best.label}" if best.hypothesis.members else ""
             self.moving(f"looking at every change{added}", SHARES[len(best.hypothesis.members)])
+            best = self.search.anchor(best, tried)
             starts = vocabulary.list_starts(self.replay_errors(best), self._find_open(best))
-            if not self._refine(best, starts, tried):
+            if not self.search.refine(best, starts, tried):
                 break
-            before, best = best, self._choose(tried)
-            if best is before or self._is_enough(best):
+            before, best = best, self.choose(tried)
+            if best is before or self.is_enough(best):
                 break
         return self._conclude(tried)
 
@@ -161,22 +149,26 @@ class Judge:
         found = [joint.name for joint, size, count in pairs if size > count]
         return found or [joint.name for joint in self.data.joints]
 
-    def _explains(self, fit: Fit) -> bool:
+    def explains(self, fit: Fit) -> bool:
         """Return whether a free discrepancy gains no more over a fit than the tolerance."""
         return self.left(fit).gain.high <= self.settings.equivalence_tolerance
 
-    def _is_enough(self, fit: Fit) -> bool:
+    def is_enough(self, fit: Fit) -> bool:
         """Return whether a fit explains the gap and shortens errors by what that takes."""
-        return self._explains(fit) and self._closes(fit) >= self.settings.most
+        return self.explains(fit) and self._closes(fit) >= self.settings.most
 
     def left(self, fit: Fit) -> Left:
         """Return what a fit leaves."""
-        windows = fit.score - self.fitter.score_capped(fit, self.most)
+        windows = self.left_in_windows(fit)
         few, readings = int(self.settings.moments * len(windows)), self.rows * len(self.most)
         rank = np.argsort(np.argsort(-windows))
         lasting = np.where(rank < few, 0.0, windows)
         gain, whole = self.bootstrap.gain(lasting), self.bootstrap.gain(windows)
         return Left(Gain(*(value / readings for value in gain)), whole.high / readings)
+
+    def left_in_windows(self, fit: Fit) -> np.ndarray:
+        """Return what a free discrepancy gains in each window [nats], (W,)."""
+        return fit.score - self.fitter.score_capped(fit, self.most)
 
     def excess(self, fit: Fit) -> np.ndarray:
         """Return by how much squared errors exceed what noise and counts make, (W, N, M)."""
@@ -203,70 +195,16 @@ class Judge:
             values: fitted to each fold, (2, P).
 
         Returns:
-            Its errors, and what is unknown around them; see `unknowns`.
+            What is unknown around its errors; see `unknowns`.
         """
-        self.fitter, *found = make_fitter(self.replayer, self.fold, hypothesis, values, self.basis)
+        self.fitter, *unknown = self._make(hypothesis, values)
         self.basis = self.fitter.likelihood.basis
         (self.given,) = self.fitter.fit([Start(NONE, np.zeros((1, 0)))])
         paths = (self.replayer.holding(), self.replayer.coasting())
         self.nulls = {n: self.fitter.of_path(e) for n, e in zip(NULLS, paths, strict=True)}
-        return found
+        return unknown
 
-    def _refine(self, best: Fit, starts: Sequence[Start], tried: dict[str, Fit]) -> bool:
-        """Fit what promises most with the best into what was tried; pairs if no change does.
-
-        What acts beyond a threshold only, a stop or a play, has no slope to be screened by: where
-        no straight line promises what it has to win, every change is fitted at a glance.
-
-        Returns:
-            Whether there is a gap, or any change promises what it has to win.
-        """
-        if best.hypothesis.members:
-            self.glance.anchor(best)
-        (base,) = self.glance.fit([restart(best)], rounds=0)
-        if best.hypothesis.members:
-            labels = list_promising(self.glance, base, self.lines, self.settings.promising)
-            starts = [start for start in starts if start.hypothesis.label in labels]
-        lines = trace_lines(self.glance, base, starts)
-        if not best.hypothesis.members:
-            self.lines = lines
-        gains = [line.gain / self.glance.replayer.compared for line in lines]
-        prices = [self.price(Hypothesis((line.member,))) for line in lines]
-        flat = all(map(operator.lt, gains, prices))
-        if self._explains(best) and flat:
-            return False
-        most = self.settings.refits
-        every = flat and not best.hypothesis.members
-        self._fit(pick_starts(base, lines, len(lines) if every else most), tried)
-        if not best.hypothesis.members and not self._is_enough(self._choose(tried)):
-            self._fit(pick_pairs(self.glance, base, lines, most), tried)
-        return True
-
-    def _swap(self, best: Fit, tried: dict[str, Fit]) -> None:
-        """Fit what does about the same as each member in its place."""
-        self.glance.anchor(best)
-        every = range(len(best.hypothesis.members))
-        own, *parts = self.glance.fit(
-            [restart(best), *(without(best, place) for place in every)], rounds=0
-        )
-        for rest in parts:
-            alike = pick_alike(self.glance, own, rest, self.lines, self.settings.alike)
-            self._fit(alike, tried)
-        others = [line.member for line in self.lines]
-        simpler = [start for place in every for start in list_simpler(best, place, others)]
-        _keep(self.fitter.fit(simpler), tried)
-
-    def _fit(self, starts: Sequence[Start], tried: dict[str, Fit]) -> None:
-        """Fit starts into what was tried: at a glance, and the better half of each size fully."""
-        rounds = self.settings.rounds - self.settings.glances
-        for count in sorted({len(start.hypothesis.members) for start in starts}):
-            own = [start for start in starts if len(start.hypothesis.members) == count]
-            fits = self.glance.fit(own, rounds=self.settings.glances)
-            fits.sort(key=lambda fit: -fit.density.sum())  # so few windows predict others badly
-            chosen = pick_distinct(fits, max(min(len(own), self.settings.refits) // HALVES, 1))
-            _keep(self.fitter.fit(map(restart, chosen), rounds), tried)
-
-    def _choose(self, tried: dict[str, Fit]) -> Fit:
+    def choose(self, tried: dict[str, Fit]) -> Fit:
         """Return the shortest explanation that none longer wins against."""
         best = self.given
         for count in range(1, self.settings.members_max + 1):
@@ -285,29 +223,29 @@ class Judge:
         near = [f for f in fits if f is top or self.bootstrap.gain(top.score - f.score).low <= 0]
         return min(near, key=lambda f: (*f.hypothesis.burden, -f.total))
 
-    def _prune(self, tried: dict[str, Fit]) -> Fit:
+    def _prune(self, tried: dict[str, Fit], fitter: Fitter) -> Fit:
         """Return the best explanation, each of whose members wins what it has to."""
-        best = self._choose(tried)
+        best = self.choose(tried)
         while len(best.hypothesis.members) > 1:
             fewer = [without(best, n) for n in range(len(best.hypothesis.members))]
-            at_once = self.fitter.fit(fewer, rounds=0)
+            at_once = fitter.fit(fewer, rounds=0)
             pairs = zip(fewer, at_once, strict=True)
-            _keep(self.fitter.fit([s for s, f in pairs if _is_better(f, tried)]), tried)
-            before, best = best, self._choose(tried)
+            keep_better(fitter.fit([s for s, f in pairs if is_better(f, tried)]), tried)
+            before, best = best, self.choose(tried)
             if best is before:
                 return best
         return best
 
     def _conclude(self, tried: dict[str, Fit]) -> Judgement:
         """Return the judgement, with starts and usual errors as they are under the answer."""
-        best = self._prune(tried)
+        best = self._prune(tried, self.search.quick)
         if best.hypothesis.members:
-            self._swap(best, tried)
-            best = self._prune(tried)
+            self.search.swap(best, tried)
+            best = self._prune(tried, self.search.quick)
             self.moving(f"fitting {best.label} and its rivals once more", SHARES[-1])
             best, tried = self._refit(best, tried)
         verdict, pushes = self._decide(best, tried), ()
-        if verdict != "explained" and self._explains(self.given):
+        if verdict != "explained" and self.explains(self.given):
             best, verdict = self.given, "no_gap"  # what explains a part of no gap is no cause
         left = self.left(best)
         causes = verdict != "unexplained" or best is self.given
@@ -365,7 +303,7 @@ class Judge:
         self._look(best.hypothesis, best.values)
         fits = self.fitter.fit(map(restart, finalists), rounds=self.settings.glances)
         refitted = {fit.label: self._judge_apart(fit, best) for fit in [self.given, *fits]}
-        found = self._prune(refitted)
+        found = self._prune(refitted, self.fitter)
         if found.hypothesis.mended == best.hypothesis.mended:
             return found, refitted
         same, simpler = refitted[best.label], found.hypothesis.burden < best.hypothesis.burden
@@ -380,21 +318,17 @@ class Judge:
         """
         if fit.hypothesis.mended == best.hypothesis.mended:
             return fit
-        own, *_ = make_fitter(self.replayer, self.fold, fit.hypothesis, fit.values, self.basis)
+        own, *_ = self._make(fit.hypothesis, fit.values)
         return own.fit([restart(fit)], rounds=0)[0]
+
+    def _make(
+        self, hypothesis: Hypothesis, values: np.ndarray
+    ) -> tuple[Fitter, np.ndarray, np.ndarray]:
+        own = self.replayer, self.coarse, self.fold, hypothesis, values
+        return make_fitter(*own, self.basis)
 
     def _closes(self, fit: Fit) -> float:
         """Return by what share a fit shortens errors, in noises of a reading."""
         held = (one.held / self.replayer.noise for one in (self.given, fit))
         before, after = (np.sqrt(np.square(errors).sum()) for errors in held)
         return float(1 - after / before)
-
-
-def _is_better(fit: Fit, tried: Mapping[str, Fit]) -> bool:
-    """Return whether a fit predicts better than what was tried of its label, if anything was."""
-    return fit.label not in tried or fit.total > tried[fit.label].total
-
-
-def _keep(fits: Iterable[Fit], tried: dict[str, Fit]) -> None:
-    """Take the fits that are better into what was tried."""
-    tried.update({fit.label: fit for fit in fits if _is_better(fit, tried)})

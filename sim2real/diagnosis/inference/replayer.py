@@ -32,6 +32,7 @@ from sim2real.diagnosis.inference.usual import list_usual
 from sim2real.diagnosis.settings import TINY
 
 MENDED = 32  # mended logs that are kept
+SPRINGS = 2  # times shorter steps of models with springs or play
 
 Key = tuple[tuple[str, ...], bytes]
 
@@ -138,16 +139,31 @@ class Replayer:
         size = self.data.mask.shape[1] * len(self.noise) * self.noise.itemsize
         return max(int(BATCH / size), 1)
 
+    def coarsen(self, windows: np.ndarray, lost: bool = False) -> Replayer:
+        """Return a replayer of some windows, (n,), in longer time steps.
+
+        What adds a spring or play takes shorter ones than the rest: it swings faster. Where the
+        model is lost, longer steps would change everything, and it takes its own.
+        """
+        most = self.settings.coarse_s
+        if lost:
+            return self.part(windows)
+        other = self.part(windows, self.data.stepping(most))
+        other.finer = self.part(windows, self.data.stepping(most / SPRINGS))
+        return other
+
     def anchor(self, hypothesis: Hypothesis, values: np.ndarray, errors: np.ndarray) -> None:
         """Correct all errors by what those of a hypothesis under values (W, P) lack, (W, N, M)."""
         (made,) = self._replay([Job(hypothesis, values, self.every)])
         self.offset = self.offset + errors - made.error
+        if self.finer is not None:
+            self.finer.anchor(hypothesis, values, errors)
 
     def replay(self, jobs: Sequence[Job]) -> list[Replay]:
         """Return what each job comes to; jobs share batches, those with changed logs theirs."""
         if self.finer is None:
             return self._replay(jobs)
-        finer = [any(m.adds_structure for m in job.hypothesis.effects) for job in jobs]
+        finer = [job.hypothesis.adds_structure for job in jobs]
         made = iter(self.finer.replay([job for job, own in zip(jobs, finer, strict=True) if own]))
         rest = iter(self._replay([job for job, own in zip(jobs, finer, strict=True) if not own]))
         return [next(made if own else rest) for own in finer]
@@ -220,7 +236,9 @@ class Replayer:
             hypothesis: the model.
             values: of each window, (W, P).
         """
-        (base,) = self.replay([Job(hypothesis, values, self.every)])
+        if self.finer is not None and hypothesis.adds_structure:
+            return self.finer.starts(hypothesis, values)
+        (base,) = self._replay([Job(hypothesis, values, self.every)])
         count = len(self.noise)
         ways = np.empty((*base.error.shape, 2 * count))
         for way in range(2 * count):
@@ -305,7 +323,8 @@ class Replayer:
             other = self.plain.of(replace(data, windows=tuple(windows)))
             rows = [Rows(hypothesis.effects, ask.windows, ask.values)]
             (made,) = simulate_each(other, rows)
-            found[ask.rows] = self._look(made.error, ask.windows) * ask.scale
+            error = self._look(made.error, ask.windows) * ask.scale
+            found[ask.rows] = error + self.offset[ask.windows]
         return found
 
     def _mend(self, hypothesis: Hypothesis, values: np.ndarray) -> _Mended:
@@ -356,25 +375,6 @@ def _stacked(replayer: Replayer, logs: Sequence[_Mended]) -> Simulator:
         measured=np.concatenate([log.measured for log in logs]),
     )
     return replayer.plain.of(mended)
-
-
-def skip_beginnings(data: Data, rows: int) -> Data:
-    """Return the data with windows that begin at least so many rows after their episode does.
-
-    What was logged at another time is not known there.
-    """
-    windows, mask = list(data.windows), data.mask.copy()
-    for place, window in enumerate(data.windows):
-        log = data.logs[window.log]
-        begin = int(np.argmax(log.episode == window.episode)) + rows
-        kept = window.usable & (window.first + np.arange(len(window.usable)) >= begin)
-        if window.start < begin and kept.sum() > 1:
-            args = (window.log, window.model, data.models[window.model], data.joints)
-            cut = (begin, window.first, window.last)
-            own = cut_one(log, *args, cut, data.settings.windows)
-            windows[place] = own._replace(usable=kept)
-            mask[place, : len(kept)] = kept
-    return replace(data, windows=tuple(windows), mask=mask)
 
 
 def _spread(mask: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:

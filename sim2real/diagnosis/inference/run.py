@@ -18,12 +18,12 @@ from envs.effects import merge_effects
 from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.progress import Moving
+from sim2real.diagnosis.data.windows import cut_one
 from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.inference.baseline import Baseline
 from sim2real.diagnosis.inference.conclusion import Conclusion, effects_of, make_conclusion
 from sim2real.diagnosis.inference.judge import Judge, Judgement
 from sim2real.diagnosis.inference.log_changes import MOST
-from sim2real.diagnosis.inference.replayer import skip_beginnings
 from sim2real.diagnosis.inference.vocabulary import Vocabulary
 
 FEWEST = 6  # windows that are judged
@@ -40,7 +40,7 @@ class About(NamedTuple):
         fixed: effects that are in the model.
         rng: for all intervals.
         moving: receives what is being tried.
-        work: counts what is simulated, by stage.
+        work: counts what is simulated.
         restart: returns the windows whose starts were estimated with some effects in the model;
             None: starts are known. Where it is given, logs are taken as they are: an estimate was
             made of them.
@@ -70,13 +70,12 @@ def find_causes(about: About) -> Causes:
     Raises:
         Sim2RealError: a model that cannot follow the logs.
     """
-    with about.work.during("judging"):
-        baseline, judgement = _judge(about, about.data)
-        found = effects_of(judgement.best)
-        if about.restart is not None and found:
-            data = about.restart(merge_effects(about.fixed, found))
-            baseline, judgement = _judge(about, data)
-        made = make_conclusion(judgement, baseline, about.rng)
+    baseline, judgement = _judge(about, about.data)
+    found = effects_of(judgement.best)
+    if about.restart is not None and found:
+        data = about.restart(merge_effects(about.fixed, found))
+        baseline, judgement = _judge(about, data)
+    made = make_conclusion(judgement, baseline, about.rng)
     return Causes(judgement.judge.data, baseline, judgement, made)
 
 
@@ -122,3 +121,22 @@ def _few(data: Data) -> Data:
     if len(lengths) <= most:
         return data
     return data.only(np.unique(np.linspace(0, len(lengths) - 1, most).round().astype(int)))
+
+
+def skip_beginnings(data: Data, rows: int) -> Data:
+    """Return the data with windows that begin at least so many rows after their episode does.
+
+    What was logged at another time is not known there.
+    """
+    windows, mask = list(data.windows), data.mask.copy()
+    for place, window in enumerate(data.windows):
+        log = data.logs[window.log]
+        begin = int(np.argmax(log.episode == window.episode)) + rows
+        kept = window.usable & (window.first + np.arange(len(window.usable)) >= begin)
+        if window.start < begin and kept.sum() > 1:
+            args = (window.log, window.model, data.models[window.model], data.joints)
+            cut = (begin, window.first, window.last)
+            own = cut_one(log, *args, cut, data.settings.windows)
+            windows[place] = own._replace(usable=kept)
+            mask[place, : len(kept)] = kept
+    return replace(data, windows=tuple(windows), mask=mask)

@@ -1,6 +1,6 @@
 """What is unknown of windows in addition to their noise: their starts, their clock, usual errors.
 
-    error, local, common = compute_unknowns(replayer, hypothesis, values)
+    local, common = compute_unknowns(replayer, coarse, hypothesis, values)
 
 Each is one standard deviation of what it does to the errors, by finite differences under a
 hypothesis. A robot's clock and its model's differ by part of a time step, by chance in each window
@@ -19,51 +19,54 @@ from sim2real.diagnosis.inference.replayer import Job, Replayer
 
 
 def compute_unknowns(
-    replayer: Replayer, hypothesis: Hypothesis, values: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return errors (W, N, M), and the directions of what is unknown around them.
+    replayer: Replayer, coarse: Replayer, hypothesis: Hypothesis, values: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the directions of what is unknown around errors.
 
     Args:
         replayer: of the windows.
+        coarse: of the same, for the directions.
         hypothesis: the model.
         values: of each window, (W, P).
 
     Returns:
-        The errors; those of a window alone, (W, N, M, L); those common to all, (W, N, M, U).
+        Those of a window alone, (W, N, M, L); those common to all, (W, N, M, U).
     """
     (base,) = replayer.replay([Job(hypothesis, values, replayer.every)])
     if is_lost(replayer, base.error):
         none = np.zeros((*base.error.shape, 0))
-        return base.error, cap_directions(replayer, replayer.ballistic()), none
+        return cap_directions(replayer, replayer.ballistic()), none
     step = max(model.opt.timestep for model in replayer.data.models)
     clock = rounding(step) * base.slope[..., None]  # a command acts at the next step
-    starts = replayer.starts(hypothesis, values)
+    starts = coarse.starts(hypothesis, values)
     local = np.concatenate([starts, clock, replayer.estimated], axis=-1)
-    usual = replayer.usual(hypothesis, values)
+    usual = coarse.usual(hypothesis, values)
     common = _principal(replayer, np.concatenate([usual, clock], axis=-1))
-    return base.error, cap_directions(replayer, local), cap_directions(replayer, common)
+    return cap_directions(replayer, local), cap_directions(replayer, common)
 
 
 def make_fitter(
     replayer: Replayer,
+    coarse: Replayer,
     fold: np.ndarray,
     hypothesis: Hypothesis,
     values: np.ndarray,
     basis: Basis | None = None,
-) -> tuple[Fitter, np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[Fitter, np.ndarray, np.ndarray]:
     """Return what fits with the unknowns under a hypothesis, and these; see `compute_unknowns`.
 
     Args:
         replayer: of the windows.
+        coarse: of the same; see `compute_unknowns`.
         fold: of each window, (W,).
         hypothesis: the model.
         values: fitted to each fold, (2, P).
         basis: of the windows' rows; None: it is computed.
     """
-    base, local, common = compute_unknowns(replayer, hypothesis, values[fold])
+    local, common = compute_unknowns(replayer, coarse, hypothesis, values[fold])
     rows = replayer.times, replayer.used, replayer.noise
     likelihood = Likelihood(*rows, local, common, replayer.settings, basis)
-    return Fitter(replayer, likelihood, fold), base, local, common
+    return Fitter(replayer, likelihood, fold), local, common
 
 
 def is_lost(replayer: Replayer, errors: np.ndarray) -> bool:

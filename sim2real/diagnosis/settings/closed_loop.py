@@ -7,20 +7,22 @@ from sim2real.diagnosis.settings.base import COST, JUDGED, setting
 
 @dataclass(frozen=True)
 class ClosedLoopSettings:
-    """How much a policy plays, and how what is measured then is compared."""
+    """The comparison of robot and simulators while the policy acts."""
 
-    episodes: int = setting(32, "1", "episodes in each simulator", COST)
-    rows: int = setting(4, "1", "consecutive rows in a history", JUDGED)
-    samples: int = setting(40, "1", "compared histories per episode", COST)
-    directions: int = setting(64, "1", "directions along which distributions are compared", COST)
-    draws: int = setting(200, "1", "resamples of episodes for intervals", COST)
+    episodes: int = setting(32, "1", "number of episodes in each simulator", COST)
+    rows: int = setting(4, "1", "number of consecutive rows in a sample", JUDGED)
+    samples: int = setting(40, "1", "largest number of samples from an episode", COST)
+    directions: int = setting(
+        64, "1", "number of random directions of the sliced Wasserstein distance", COST
+    )
+    draws: int = setting(200, "1", "number of resamples of episodes for the intervals", COST)
     negligible: float = setting(
         0.05,
         "1",
-        "negligible sliced Wasserstein distance, in deviations of the channels",
+        "negligible sliced Wasserstein distance, in standard deviations of the channels",
         "measured: emulated quad8 with nothing hidden, 0.030 and 0.043"
         " (benchmarks/notebook/walking.md)",
     )
     rate_error: float = setting(
-        0.1, "1", "largest relative difference between the rates of log and policy", JUDGED
+        0.1, "1", "largest relative difference between the log's and the policy's rate", JUDGED
     )

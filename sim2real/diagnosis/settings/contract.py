@@ -8,51 +8,55 @@ from sim2real.diagnosis.settings.base import COST, JUDGED, setting
 
 @dataclass(frozen=True)
 class Contract:
-    """When a rebuilt number differs from the logged one, and which explanation is named."""
+    """When `contract` names a fault; a misfit is a number's RMS error, relative to its spread."""
 
-    suspect: float = setting(
-        0.01, "1", "misfit that is examined (RMS, relative to the spread)", JUDGED
+    suspect: float = setting(0.01, "1", "misfit above which faults are searched for", JUDGED)
+    unexplained: float = setting(
+        0.05, "1", "remaining misfit above which a term is reported as unexplained", JUDGED
     )
-    unexplained: float = setting(0.05, "1", "misfit that is reported even if unexplained", JUDGED)
     margin: float = setting(
-        0.5,
-        "1",
-        "largest misfit with a named fault, relative to that without",
-        JUDGED,
+        0.5, "1", "a fault is named only if it reduces the misfit to at most this fraction", JUDGED
     )
     left_max: float = setting(
-        0.15, "1", "largest misfit with a named fault, relative to the spread", JUDGED
+        0.15, "1", "largest misfit that may remain with a named fault", JUDGED
     )
-    floor: float = setting(
-        2e-3, "1", "largest difference of equal misfits, relative to the spread", JUDGED
-    )
+    floor: float = setting(2e-3, "1", "misfit below which fits count as equally good", JUDGED)
     effective_rows: int = setting(
-        30,
-        "1",
-        "number of independent rows that a log counts as, in the choice between faults",
-        JUDGED,
+        30, "1", "number of independent rows that is assumed when faults are compared", JUDGED
     )
     free_price: float = setting(
-        1.5, "1", "price of a change with a fitted value, relative to one without", JUDGED
+        1.5, "1", "evidence that a fault with a fitted value needs, relative to one without", JUDGED
     )
     alike: float = setting(
-        3.0, "nat", "difference up to which explanations are listed together", "derived: odds of 20"
+        3.0,
+        "nat",
+        "difference of log likelihood up to which faults are alternatives",
+        "derived: odds of 20",
     )
-    set_max: int = setting(3, "1", "maximum number of listed equivalents", JUDGED)
+    set_max: int = setting(
+        3, "1", "largest number of alternatives that are listed with a fault", JUDGED
+    )
     still: float = setting(
-        0.01, "1", "minimum spread of a number that moves, before scaling", JUDGED
+        0.01, "1", "standard deviation below which a number is constant, before scaling", JUDGED
     )
-    ages_max: int = setting(4, "1", "largest age of an observation or action tried, in steps", COST)
+    ages_max: int = setting(
+        4, "1", "largest age of an observation or action that is tried, in control steps", COST
+    )
     ways_few: int = setting(
-        4, "1", "number of alternatives of a term up to which each is tried at every age", COST
+        4, "1", "number of variants of a term up to which each is tried at every age", COST
     )
     filters: tuple[float, ...] = setting(
-        (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9), "1", "smoothing factors tried", COST
+        (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9),
+        "1",
+        "smoothing factors that are tried (weight of the new value)",
+        COST,
     )
-    rows_min: int = setting(20, "1", "rows needed for an answer", JUDGED)
-    rows_few: int = setting(4, "1", "minimum number of unclipped rows of a number", JUDGED)
-    draws: int = setting(200, "1", "resamples for the certainty of a fault", COST)
-    blocks: int = setting(20, "1", "blocks of rows in the bootstrap", JUDGED)
+    rows_min: int = setting(20, "1", "smallest number of rows that allows an answer", JUDGED)
+    rows_few: int = setting(
+        4, "1", "smallest number of unclipped rows in which a number is compared", JUDGED
+    )
+    draws: int = setting(200, "1", "number of resamples that give the certainty of a fault", COST)
+    blocks: int = setting(20, "1", "number of blocks of rows that are resampled", JUDGED)
 
     @property
     def price(self) -> float:

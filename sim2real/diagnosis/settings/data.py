@@ -7,112 +7,171 @@ from sim2real.diagnosis.settings.base import COST, DEVELOPED, JUDGED, setting
 
 @dataclass(frozen=True)
 class NoiseFloor:
-    """Which readings are rounded, when commands repeat, and which scatter of repeats is noise."""
+    """The noise floor: resolution of the encoders, and scatter of repeated motions."""
 
-    steps_min: int = setting(5, "1", "distinct steps needed to infer a resolution", JUDGED)
-    whole_error: float = setting(
-        0.02, "1", "largest distance from a whole number of counts", JUDGED
+    steps_min: int = setting(
+        5, "1", "smallest number of different steps from which a resolution is inferred", JUDGED
     )
-    every_s: float = setting(0.1, "s", "interval between the moments examined", COST)
-    slow_share: float = setting(0.3, "1", "fraction of the rows that count as slow", DEVELOPED)
+    whole_error: float = setting(
+        0.02, "1", "largest deviation of a step from a whole number of encoder counts", JUDGED
+    )
+    every_s: float = setting(
+        0.1, "s", "interval between the moments at which repeated commands are compared", COST
+    )
+    slow_share: float = setting(
+        0.3,
+        "1",
+        "slowest fraction of the rows, from which the noise of a reading is estimated",
+        DEVELOPED,
+    )
 
 
 @dataclass(frozen=True)
 class Windows:
     """How logs are cut into windows, and which of their rows are compared."""
 
-    warm_s: float = setting(0.4, "s", "simulated duration before the comparison starts", DEVELOPED)
-    longest_s: float = setting(3.0, "s", "longest window of an ordinary log", DEVELOPED)
-    shortest_s: float = setting(0.8, "s", "shortest window with servos on", DEVELOPED)
-    windows_usual: int = setting(12, "1", "number of windows of a short log", DEVELOPED)
-    windows_max: int = setting(40, "1", "number of windows above which they are longer", COST)
+    warm_s: float = setting(
+        0.4, "s", "simulated time before the first compared row of a window", DEVELOPED
+    )
+    longest_s: float = setting(
+        3.0, "s", "longest window, unless the commands reverse slowly", DEVELOPED
+    )
+    shortest_s: float = setting(
+        0.8, "s", "shortest window if every joint has a position servo", DEVELOPED
+    )
+    windows_usual: int = setting(
+        12, "1", "intended number of windows; there are more if these would be too long", DEVELOPED
+    )
+    windows_max: int = setting(
+        40, "1", "number of windows above which those of slow motions exceed `longest_s`", COST
+    )
     state_s: float = setting(
         0.25,
         "s",
-        "length of windows if the state is logged and no servo corrects errors",
+        "length of a window if a joint has no position servo to correct errors",
         DEVELOPED,
     )
     unsure_s: float = setting(
-        0.7,
-        "s",
-        "length of windows with uncertain starts, whose effect is removed from the errors",
-        DEVELOPED,
+        0.7, "s", "the same if, in addition, no speed is logged and the base is fixed", DEVELOPED
     )
     slowest_s: float = setting(12.0, "s", "longest window of slow motions", DEVELOPED)
-    turn: float = setting(0.1, "1", "smallest reversal, relative to the motion", JUDGED)
-    kick_before_s: float = setting(0.03, "s", "time left out before a servo is switched on", JUDGED)
-    kick_s: float = setting(
-        0.3, "s", "time left out afterwards, because no log has the exact moment", DEVELOPED
+    turn: float = setting(
+        0.1, "1", "smallest reversal that counts, relative to the range of motion", JUDGED
     )
-    unrest_rows: int = setting(5, "1", "rows over which motion is averaged in this search", JUDGED)
-    reach: float = setting(0.25, "1", "largest shift of a start, relative to a window", JUDGED)
+    kick_before_s: float = setting(
+        0.03, "s", "time before a servo is switched on that is not compared", JUDGED
+    )
+    kick_s: float = setting(
+        0.3,
+        "s",
+        "time after a servo is switched on that is not compared (logs lack the moment)",
+        DEVELOPED,
+    )
+    unrest_rows: int = setting(
+        5, "1", "rows over which motion is averaged to find calm starts of windows", JUDGED
+    )
+    reach: float = setting(
+        0.25,
+        "1",
+        "largest shift of a window's start to a calm moment, relative to the window",
+        JUDGED,
+    )
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """How windows and pieces are simulated."""
+    """How windows and pieces of logs are simulated."""
 
     error_max: float = setting(
-        10.0, "1", "error assigned to a diverged simulation, relative to the motion", JUDGED
+        10.0,
+        "1",
+        "largest error, also of a diverged simulation, relative to the joint's spread",
+        JUDGED,
     )
-    piece_s: float = setting(5.0, "s", "length of a piece of a log that is replayed", COST)
-    pieces: int = setting(4, "1", "number of replayed pieces", COST)
+    piece_s: float = setting(
+        5.0, "s", "length of the pieces of a log that are replayed to test the model", COST
+    )
+    pieces: int = setting(4, "1", "number of these pieces", COST)
     strengths: tuple[float, ...] = setting(
         (0.5, 0.2, 0.07),
         "1",
-        "motor strengths at which heating is simulated, decreasing",
+        "motor strengths at which loads are simulated, in decreasing order",
         DEVELOPED,
     )
-    heat_s: float = setting(0.05, "s", "time step of the heating before a window", COST)
+    heat_s: float = setting(0.05, "s", "time step of the simulated heating before a window", COST)
     heat_passes: int = setting(
-        2, "1", "number of repeated simulations of the other motors' loads", DEVELOPED
+        2, "1", "number of times that loads are simulated again with weaker motors", DEVELOPED
     )
-    gives_way: float = setting(0.3, "1", "loss of strength above which this is done", DEVELOPED)
+    gives_way: float = setting(
+        0.3, "1", "loss of strength above which the loads are simulated again", DEVELOPED
+    )
 
 
 @dataclass(frozen=True)
 class Regimes:
-    """Kinds of moments."""
+    """The regimes of motion in which an error may occur, such as reversals or high load."""
 
-    rest_speed: float = setting(0.05, "rad/s", "speed below which a joint rests", JUDGED)
-    reversal_after_s: float = setting(0.3, "s", "duration of a reversal after the turn", JUDGED)
-    held_s: float = setting(0.5, "s", "duration after which a still command counts as held", JUDGED)
-    smoothing_s: float = setting(0.06, "s", "duration over which speeds are averaged", JUDGED)
-    goal_error: float = setting(0.01, "rad", "error below which a joint is at its goal", JUDGED)
-    load_none: float = setting(0.1, "1", "fraction of the largest load that is not a load", JUDGED)
-    rare: float = setting(
-        0.98,
-        "1",
-        "quantile that stands for the maximum; half of it separates small from large",
-        JUDGED,
+    rest_speed: float = setting(0.05, "rad/s", "speed below which a joint is at rest", JUDGED)
+    reversal_after_s: float = setting(
+        0.3, "s", "time after a change of direction that counts as a reversal", JUDGED
     )
-    poses_max: int = setting(2000, "1", "poses in which gravity is computed", COST)
+    held_s: float = setting(
+        0.5, "s", "time after which an unchanged command counts as held", JUDGED
+    )
+    smoothing_s: float = setting(0.06, "s", "width of the moving average of speeds", JUDGED)
+    goal_error: float = setting(
+        0.01, "rad", "position error below which a joint is at its goal", JUDGED
+    )
+    load_none: float = setting(
+        0.1, "1", "fraction of the largest gravity load below which a joint is unloaded", JUDGED
+    )
+    rare: float = setting(
+        0.98, "1", "quantile used as the maximum; half of it divides small from large", JUDGED
+    )
+    poses_max: int = setting(
+        2000, "1", "approximate number of poses at which the gravity load is computed", COST
+    )
 
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """The block bootstrap of all intervals."""
+    """The block bootstrap that computes intervals."""
 
     block_s: float = setting(
         1.0,
         "s",
-        "distance at which moments and errors are independent; minimum duration of the recordings",
+        "shortest block, and shortest total duration of the logs; also the time for which "
+        "equal commands make a repeated motion",
         DEVELOPED,
     )
-    draws: int = setting(400, "1", "resamples", COST)
-    bin_s: float = setting(0.25, "s", "bin width of the residual's autocorrelation", COST)
+    draws: int = setting(400, "1", "number of resamples", COST)
+    bin_s: float = setting(
+        0.25, "s", "width of the bins from which the autocorrelation time is estimated", COST
+    )
     blocks_min: int = setting(
         32,
         "1",
-        "minimum number of blocks of a recording, whatever the correlation time of its residual",
+        "smallest number of blocks; it limits their length",
         "derived: what shows in a tenth of them is drawn again in 19 of 20 resamples",
     )
 
 
 @dataclass(frozen=True)
 class Numerics:
-    """When a gap or a cause is the simulator's own doing."""
+    """When a gap, or an effect that closes it, is due to the simulator's numerics."""
 
-    change: float = setting(0.1, "1", "relative change of the gap that counts", DEVELOPED)
-    change_min: float = setting(0.005, "1", "minimum such change, over the motion", DEVELOPED)
-    gain_left: float = setting(0.25, "1", "minimum remaining gain of a physical effect", DEVELOPED)
+    change: float = setting(
+        0.1,
+        "1",
+        "smallest change of the gap or of the motion that matters, relative to the gap",
+        DEVELOPED,
+    )
+    change_min: float = setting(
+        0.005, "1", "smallest change of the motion that matters, relative to the motion", DEVELOPED
+    )
+    gain_left: float = setting(
+        0.25,
+        "1",
+        "smallest fraction of an effect's gain that remains with better numerics",
+        DEVELOPED,
+    )

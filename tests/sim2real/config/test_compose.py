@@ -89,7 +89,8 @@ def test_help_lists_experiments_and_groups(answers: dict[tuple[str, ...], list[A
     assert (status, torch_imported) == (0, False)
     for word in ("esmaml", "es_dr", "smoke", "walker2d", "evaluate", "tensorboard", "seed=0"):
         assert word in out
-    assert "main job" in next(line for line in out.splitlines() if line.startswith("  esmaml "))
+    about = next(line for line in out.splitlines() if line.startswith("  esmaml "))
+    assert "main experiment" in about
 
 
 @pytest.mark.parametrize("argv", MISTAKES, ids=" ".join)

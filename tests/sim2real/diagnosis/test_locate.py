@@ -55,7 +55,7 @@ def gap_of(error: dict[str, np.ndarray] | None = None, effects: tuple = (), path
 def located(gap: Gap, spec: mujoco.MjSpec, after: tuple = ()) -> tuple[JointGap, ...]:
     """Return where one gap lies."""
     rng = np.random.default_rng(0)
-    return locate([gap], {"shoulder": 0.0, "elbow": 0.0}, [spec.compile()], after, rng=rng)
+    return locate([gap], np.zeros(len(gap.joints)), [spec.compile()], after, rng=rng)
 
 
 def test_the_joint_with_the_friction_has_the_gap() -> None:
@@ -96,8 +96,7 @@ def test_noise_below_the_floor_is_no_gap() -> None:
     gap, spec = gap_of()
     noise = rng.normal(0, 0.01, gap.measured.shape) * [1, 0] + [0, 0.02]
     noisy = gap._replace(measured=gap.measured + noise)
-    floor = {"shoulder": 0.0102, "elbow": 0.0}
-    where = locate([noisy], floor, [spec.compile()], rng=rng)
+    where = locate([noisy], np.array([0.0102, 0.0]), [spec.compile()], rng=rng)
     assert where[0].joint == "elbow"
     assert where[0].share > 0.99
 
@@ -106,7 +105,7 @@ def test_bands_hold_the_whole_gap_where_it_is() -> None:
     """A 3 Hz error lies in the band of 2 to 5 Hz, and the bands add up to the whole."""
     time = commands(24.0)["time"]
     gap, _ = gap_of(error={"elbow": 0.01 * np.sin(2 * np.pi * 3 * time)})
-    own = [band for band in bands([gap], {"elbow": 1e-4}) if band.joint == "elbow"]
+    own = [band for band in bands([gap], np.array([0.0, 1e-4])) if band.joint == "elbow"]
     top = max(own, key=lambda band: band.before)
     assert (top.low, top.high) == (2.0, 5.0)
     whole = np.sqrt(sum(band.before**2 for band in own))

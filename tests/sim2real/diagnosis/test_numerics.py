@@ -1,5 +1,7 @@
 """The null test tells the simulator's own faults from the robot's."""
 
+import re
+
 import mujoco
 import numpy as np
 import pytest
@@ -46,20 +48,16 @@ def test_a_gap_that_stays_is_not_called_larger(changed: float) -> None:
 def test_a_gap_of_physics_is_ok() -> None:
     """A gain that is half the model's leaves the same gap under every change."""
     log = log_of(arm(), [(make("position_gain", where="a"), [0.5])])
-    test = null_test([log], [arm()])
-    assert set(test.words.values()) == {"ok"}
-    assert test.needed == ()
-    assert test.gap > 0.05
+    assert set(null_test([log], [arm()]).values()) == {"ok"}
 
 
 def test_creeping_friction_is_numerics() -> None:
     """A robot whose friction holds against a model whose friction creeps: said, and mended."""
     log = log_of(arm(0.5, STIFF), [])
-    test = null_test([log], [arm(0.5)])
-    assert "solimpfriction" in test.words["friction"]
-    assert test.gaps["friction"] < 0.1 * test.gap
+    words = null_test([log], [arm(0.5)])
+    assert re.search(r'solimpfriction="[^"]*" the gap is (9\d|100)% smaller', words["friction"])
     friction = [(make("coulomb_friction", where="hinge"), [0.01])]  # and makes all of it stick
-    word = is_numerics([log], [arm(0.5)], friction, test)
+    word = is_numerics([log], [arm(0.5)], friction, words)
     assert word is not None
     assert "numerics, not the robot" in word
 
@@ -68,14 +66,14 @@ def test_a_real_cause_is_not_numerics() -> None:
     """A gain that is truly missing keeps its share when the friction no longer creeps."""
     gain = [(make("position_gain", where="a"), [0.5])]
     log = log_of(arm(0.1, STIFF), gain)
-    test = null_test([log], [arm(0.1)])
-    assert is_numerics([log], [arm(0.1)], gain, test) is None
+    words = null_test([log], [arm(0.1)])
+    assert is_numerics([log], [arm(0.1)], gain, words) is None
 
 
 def test_a_step_too_coarse_is_told() -> None:
     """A model whose timestep is far too large moves when it is halved."""
     log = log_of(arm(dt=0.001), [])
-    assert null_test([log], [arm(dt=0.02)]).words["timestep"] != "ok"
+    assert null_test([log], [arm(dt=0.02)])["timestep"] != "ok"
 
 
 @pytest.mark.parametrize("name", ["timestep", "solver", "friction"])
@@ -93,7 +91,7 @@ def test_armature_is_only_numerics_where_the_step_is_too_long_without_it() -> No
     bare = mujoco.MjSpec.from_string(ARM.format(friction=0, solimp=SOFT, dt=0.002))
     bare.joints[0].armature = 0.0
     log = log_of(bare, [(make("position_gain", where="a"), [0.8])])
-    assert null_test([log], [bare]).words["armature"] == "ok"
+    assert null_test([log], [bare])["armature"] == "ok"
 
 
 def test_a_log_at_rest_has_no_numerics() -> None:
@@ -102,4 +100,4 @@ def test_a_log_at_rest_has_no_numerics() -> None:
     columns = {"episode": 0 * time, "time": time, "ctrl.a": 0 * time, "qpos.hinge": 0 * time}
     weightless = arm()
     weightless.option.gravity = np.zeros(3)
-    assert set(null_test([Log(columns)], [weightless]).words.values()) == {"ok"}
+    assert set(null_test([Log(columns)], [weightless]).values()) == {"ok"}

@@ -11,7 +11,6 @@ from envs.effects import EFFECTS, load_effects, make
 from hardware.log import Log, read_logs
 from sim2real.diagnosis import additions
 from sim2real.diagnosis.diagnose import run_diagnosis
-from sim2real.diagnosis.numerics import NullTest
 from sim2real.diagnosis.outcome import Diagnosis, final_message, write
 from sim2real.diagnosis.prepare import PreparedLogs
 from sim2real.diagnosis.schema import Cause, Finding, GapMetrics, Report, Unexplained
@@ -59,7 +58,7 @@ def test_a_cause_that_is_numerics_is_told_and_not_written(tmp_path, found, monke
     monkeypatch.setattr(additions, "is_numerics", lambda logs, specs, one, *_: said[one[0][0].name])
     data = arm.data_of(arm.make_log(seconds=4.0), tmp_path)
     prepared = PreparedLogs([], data, [], {}, [], None)
-    tested = additions.tested(found, prepared, NullTest(0.0, {}, {}, {}), DEFAULT)
+    tested = additions.tested(found, prepared, DEFAULT)
     write(tested, tmp_path)
     names = [effect.name for effect, _ in load_effects(tmp_path / "effects.yaml")]
     assert names == ["viscous_friction"]

@@ -64,9 +64,7 @@ def test_weak_motors_are_one_cause(tmp_path: Path) -> None:
     path = tmp_path / "arm.xml"
     path.write_text(arm(1.0, 2e-3), encoding="utf-8")
     report = diagnose([log_of(0.73, 16.0)], path, exclude=COSTLY)
-    steps = report.evidence.inputs["physics steps"]
-    assert {"as given", "screening", "race", "judging", "weighing"} <= set(steps)
-    assert all(count > 0 for count in steps.values())
+    assert report.evidence.inputs["physics steps"] > 0
     (cause,) = report.causes
     assert report.verdict == "explained"
     assert cause.shared and cause.where is None

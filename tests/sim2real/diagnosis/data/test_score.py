@@ -34,10 +34,7 @@ def test_residues_that_hang_together_are_drawn_together(data: Data) -> None:
     long = coherence(data, rows_of(data, slow))
     assert white < 0.6
     assert 1.2 < long <= SECONDS / data.settings.bootstrap.blocks_min
-    short, wide = (
-        Blocks(data, np.arange(len(data.windows)), np.random.default_rng(0), seconds)
-        for seconds in (None, long)
-    )
+    short, wide = (Blocks(data, np.random.default_rng(0), seconds) for seconds in (white, long))
     assert wide.count < short.count
     assert data.settings.bootstrap.blocks_min - 2 <= wide.count
 

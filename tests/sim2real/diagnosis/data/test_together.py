@@ -86,7 +86,7 @@ def test_simulations_are_the_same_to_the_bit(tmp_path: Path) -> None:
         values = np.linspace(0.01, 0.1, len(rows))[:, None]
         values = np.concatenate([values, np.tile(options[names[0]].probes[0, 1:], (120, 1))], 1)
         many = simulator.run((options[names[0]].effect,), rows, values)
-        found.append((several, many, simulator.steps))
+        found.append((several, many, simulator.work.steps))
     (one, few, steps), (other, shared, counted) = found
     for left, right in zip(one, other, strict=True):
         assert all(np.array_equal(a, b) for a, b in zip(left, right, strict=True))

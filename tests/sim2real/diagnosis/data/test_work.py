@@ -1,28 +1,23 @@
-"""What is simulated is counted by stage."""
+"""What is simulated is counted."""
 
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
 
 from sim2real.diagnosis.data.simulate import Simulator
-from sim2real.diagnosis.data.work import OTHER, Work
+from sim2real.diagnosis.data.work import Work
 from tests.sim2real.diagnosis import arm
 
 
-def test_steps_are_counted_for_the_stage_that_is_going_on() -> None:
-    """A stage within another one has both names; what is done apart counts once it is joined."""
+def test_what_is_done_apart_counts_once_it_is_added() -> None:
+    """A helper's steps come back with what it was asked for."""
     work = Work()
-    work.add(1.0, 1)
-    with work.during("looking back"):
-        with work.during("race"):
-            work.add(1.0, 10)
-            told, done = work.apart(lambda: work.add(0.5, 5) or "done")
-        work.add(1.0, 100)
-    assert told == "done" and done == (0.5, {"looking back: race": 5})
-    assert work.total == 111 and work.seconds == 3.0
-    work.join(done)
-    assert work.steps == Counter({OTHER: 1, "looking back: race": 15, "looking back": 100})
+    work.add(1.0, 10)
+    told, done = work.apart(lambda: work.add(0.5, 5) or "done")
+    assert told == "done" and done == (0.5, 5)
+    assert (work.seconds, work.steps) == (1.0, 10)
+    work.add(*done)
+    assert (work.seconds, work.steps) == (1.5, 15)
 
 
 def test_a_simulator_and_those_it_makes_count_together(tmp_path: Path) -> None:
@@ -32,10 +27,8 @@ def test_a_simulator_and_those_it_makes_count_together(tmp_path: Path) -> None:
     assert longer is not None
     simulator, every = Simulator(data, threads=1), np.arange(len(data.windows))
     coarse, none = simulator.of(longer), np.zeros((len(data.windows), 0))
-    with simulator.work.during("fine"):
-        simulator.run((), every, none)
-    with simulator.work.during("coarse"):
-        coarse.run((), every, none)
-    steps = simulator.work.steps
-    assert 0.4 * steps["fine"] < steps["coarse"] < 0.6 * steps["fine"]
-    assert coarse.steps == simulator.steps == steps["fine"] + steps["coarse"]
+    simulator.run((), every, none)
+    fine = simulator.work.steps
+    coarse.run((), every, none)
+    assert coarse.work is simulator.work
+    assert 1.4 * fine < simulator.work.steps < 1.6 * fine

@@ -148,3 +148,38 @@ def test_effects_that_act_alike_are_not_separated(case: Case) -> None:
     bootstrap = Bootstrap(windows, rng, case.replayer.settings)
     assert is_told_apart(case.fitter, bootstrap, late, other)
     assert not is_told_apart(case.fitter, bootstrap, late, late)
+
+
+def test_a_step_corrects_the_slopes_by_what_it_changed(
+    case: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Finite differences are taken once, and again where the corrected slopes lead no further."""
+    asked: list[int] = []
+    own = Fitter._differentiate
+
+    def differentiate(fitter: Fitter, states: list) -> None:
+        asked.append(len(states))
+        own(fitter, states)
+
+    monkeypatch.setattr(Fitter, "_differentiate", differentiate)
+    members = case.options["coulomb_friction.b"], case.options["command_delay"]
+    (fit,) = case.fitter.fit([Start(Hypothesis(members), np.array([[0.05, 0.02]]))])
+    assert asked[0] == 1 and 0 in asked[1:]
+    np.testing.assert_allclose(fit.values, [[FRICTION, DELAY]] * 2, rtol=0.03)
+
+
+def test_corrected_slopes_say_how_errors_changed(case: Case) -> None:
+    """Broyden's condition: along the step they are the secant, across it what they were."""
+    members = case.options["coulomb_friction.b"], case.options["command_delay"]
+    (state,) = case.fitter._begin([Start(Hypothesis(members), np.array([[0.05, 0.02]]))])
+    case.fitter._differentiate([state])
+    before, rng = state.slopes.copy(), np.random.default_rng(0)
+    size = state.hypothesis.size
+    step = size * np.array([[0.3, -0.2], [0.1, 0.4]])
+    across = size * np.array([[0.2, 0.3], [-0.4, 0.1]])  # orthogonal, each in its own size
+    change = rng.normal(size=state.replay.error.shape)
+    state.learn(step, change, case.fitter.fold)
+    per_window = step[case.fitter.fold], across[case.fitter.fold]
+    along, beside = (np.einsum("wnmp,wp->wnm", state.slopes, own) for own in per_window)
+    np.testing.assert_allclose(along, change, atol=1e-9)
+    np.testing.assert_allclose(beside, np.einsum("wnmp,wp->wnm", before, per_window[1]), atol=1e-9)

@@ -25,7 +25,7 @@ def judge(tmp_path_factory: pytest.TempPathFactory) -> Judge:
 
 def test_the_model_as_given_is_as_it_is_in_its_own_steps(judge: Judge) -> None:
     """In every window of the glance."""
-    glance = judge.glance.replayer
+    glance = judge.search.glance.replayer
     (seen,) = glance.replay([Job(NONE, np.zeros((len(glance.every), 0)), glance.every)])
     starts = [(window.log, window.start) for window in judge.data.windows]
     chosen = [starts.index((window.log, window.start)) for window in glance.data.windows]
@@ -35,7 +35,7 @@ def test_the_model_as_given_is_as_it_is_in_its_own_steps(judge: Judge) -> None:
 
 def test_springs_and_play_take_shorter_steps_than_the_rest(judge: Judge) -> None:
     """Their swing is faster than the robot's: what they change is that of the finer model."""
-    glance, options = judge.glance.replayer, {c.label: c for c in candidates(judge.data)}
+    glance, options = judge.search.glance.replayer, {c.label: c for c in candidates(judge.data)}
     assert glance.finer is not None
     times = [one.data.models[0].opt.timestep for one in (glance, glance.finer)]
     assert times[1] <= times[0] / 2
@@ -53,7 +53,7 @@ def test_springs_and_play_take_shorter_steps_than_the_rest(judge: Judge) -> None
 
 def test_what_longer_steps_change_is_what_they_change_of_what_is_known(judge: Judge) -> None:
     """With friction as it is in its own steps, a spring is compared with that."""
-    glance, options = judge.glance, {c.label: c for c in candidates(judge.data)}
+    glance, options = judge.search.glance, {c.label: c for c in candidates(judge.data)}
     friction = options["coulomb_friction.b"]
     (best,) = judge.fitter.fit([Start(Hypothesis((friction,)), np.array([[0.12]]))], rounds=0)
     (before,) = glance.fit([restart(best)], rounds=0)
@@ -66,3 +66,26 @@ def test_what_longer_steps_change_is_what_they_change_of_what_is_known(judge: Ju
     (fine,) = glance.replayer.finer.replay([job])
     np.testing.assert_allclose(fine.error, base.own, atol=1e-12)
     glance.anchor(judge.given)
+
+
+def test_what_is_fitted_in_longer_steps_is_of_all_windows(judge: Judge) -> None:
+    """The model as given scores as it does in its own steps, and friction comes out as large."""
+    quick, label = judge.search.quick, "coulomb_friction.b"
+    (given,) = quick.fit([restart(judge.given)], rounds=0)
+    np.testing.assert_allclose(given.score, judge.given.score, atol=1e-9)
+    (member,) = [one for one in candidates(judge.data) if one.label == label]
+    start = Start(Hypothesis((member,)), np.array([[0.1]]))
+    coarse, own = (fitter.fit([start])[0] for fitter in (quick, judge.fitter))
+    np.testing.assert_allclose(coarse.values, own.values, rtol=0.02)
+    assert coarse.total == pytest.approx(own.total, rel=0.02)
+
+
+def test_a_part_of_long_logs_is_looked_at(tmp_path: Path) -> None:
+    """Of each fold as many windows, over the whole log, as the setting says; at most half."""
+    judge = Judge(arm.data_of(arm.make_log(seconds=60.0, noise=3e-4), tmp_path))
+    glance, times = judge.search.glance, judge.replayer.times
+    assert len(np.unique(glance.fold)) == 2 and len(glance.fold) <= len(times) / 2
+    length = float(np.mean(np.ptp(times, axis=1)))
+    looked, wanted = float(np.ptp(glance.replayer.times, axis=1).sum()), judge.settings.glance_s
+    assert abs(looked - wanted) <= 2 * length + 1e-9 or len(glance.fold) == 6
+    assert glance.chosen.min() <= 1 and glance.chosen.max() >= len(times) - 2

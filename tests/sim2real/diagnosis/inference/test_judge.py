@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hardware.log import Log
-from sim2real.diagnosis.inference import judge as judging
+from sim2real.diagnosis.inference import search as searching
 from sim2real.diagnosis.inference.fit import Fit, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.judge import Judge, Judgement
@@ -112,7 +112,7 @@ def test_more_values_have_to_pay_for_themselves(tmp_path: Path) -> None:
     one = replace(judge.given, hypothesis=Hypothesis((members["encoder_offset.b"],)))
     fits = [fit_of("encoder_offset.b", 0.010), fit_of("gravity_tilt", 0.015)]
     assert judge.price(fits[1].hypothesis) > judge.price(one.hypothesis) + 0.015
-    assert judge._choose({fit.label: fit for fit in fits}) is fits[0]
+    assert judge.choose({fit.label: fit for fit in fits}) is fits[0]
 
 
 @pytest.mark.parametrize(("gain", "every"), [(0.0, True), (1e6, False)])
@@ -122,11 +122,12 @@ def test_where_no_slope_promises_anything_every_change_is_fitted(
     """Else only as many as promise most; a stop that is never reached has no slope."""
     data = arm.data_of(arm.make_log(FRICTION, noise=NOISE), tmp_path)
     judge, vocabulary = Judge(data), Vocabulary(data, only=PROPOSED)
-    judge.settings = replace(judge.settings, refits=2)
+    search = judge.search
+    search.settings = replace(judge.settings, refits=2)
     judge.choices, asked = len(vocabulary.members), []
-    lines = judging.trace_lines
+    lines = searching.trace_lines
     monkeypatch.setattr(
-        judging,
+        searching,
         "trace_lines",
         lambda *about: [line._replace(gain=gain) for line in lines(*about)],
     )
@@ -134,7 +135,7 @@ def test_where_no_slope_promises_anything_every_change_is_fitted(
     def note(starts: Sequence[Start], tried: dict[str, Fit]) -> None:
         asked.append(len({start.hypothesis.label for start in starts}))
 
-    monkeypatch.setattr(judge, "_fit", note)
+    monkeypatch.setattr(search, "_fit", note)
     starts = vocabulary.list_starts(judge.replay_errors(judge.given), list(arm.JOINTS))
-    assert judge._refine(judge.given, starts, {})
+    assert search.refine(judge.given, starts, {})
     assert asked[0] == (len(PROPOSED) if every else 2)

@@ -10,7 +10,8 @@ from sim2real.diagnosis.inference.candidates import candidates
 from sim2real.diagnosis.inference.episodes import cut_whole_episodes
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
 from sim2real.diagnosis.inference.log_changes import list_log_changes
-from sim2real.diagnosis.inference.replayer import Job, Replayer, skip_beginnings
+from sim2real.diagnosis.inference.replayer import Job, Replayer
+from sim2real.diagnosis.inference.run import skip_beginnings
 from tests.sim2real.diagnosis import arm
 
 ROWS = 6

@@ -38,8 +38,8 @@ def traced(tmp_path_factory: pytest.TempPathFactory) -> tuple[Judge, list[Line]]
     data = arm.data_of(log, tmp_path_factory.mktemp("arm"))
     judge = Judge(data)
     starts = Vocabulary(data, only=LABELS).list_starts(judge.replay_errors(judge.given), "ab")
-    (base,) = judge.glance.fit([restart(judge.given)], rounds=0)
-    return judge, trace_lines(judge.glance, base, starts)
+    (base,) = judge.search.glance.fit([restart(judge.given)], rounds=0)
+    return judge, trace_lines(judge.search.glance, base, starts)
 
 
 def test_the_true_change_promises_most_at_about_its_value(
@@ -47,7 +47,7 @@ def test_the_true_change_promises_most_at_about_its_value(
 ) -> None:
     """Friction of the joint that rubs, however far its probes are from it."""
     judge, lines = traced
-    (base,) = judge.glance.fit([restart(judge.given)], rounds=0)
+    (base,) = judge.search.glance.fit([restart(judge.given)], rounds=0)
     assert {line.member.label for line in lines} <= set(LABELS)
     assert len(lines) > 3
     best = max(lines, key=lambda line: line.gain)
@@ -61,8 +61,8 @@ def test_the_true_change_promises_most_at_about_its_value(
 def test_pairs_promise_no_less_than_their_best_member(traced: tuple[Judge, list[Line]]) -> None:
     """Of three changes there are three pairs, each of two different ones."""
     judge, lines = traced
-    (base,) = judge.glance.fit([restart(judge.given)], rounds=0)
-    found = pick_starts(base, lines, 3) + pick_pairs(judge.glance, base, lines, 3)
+    (base,) = judge.search.glance.fit([restart(judge.given)], rounds=0)
+    found = pick_starts(base, lines, 3) + pick_pairs(judge.search.glance, base, lines, 3)
     sizes = [len(start.hypothesis.members) for start in found]
     assert sizes == [1, 1, 1, 2, 2, 2]
     assert len({start.hypothesis.label for start in found}) == 6
@@ -73,10 +73,10 @@ def test_friction_of_another_law_is_most_alike(traced: tuple[Judge, list[Line]])
     judge, lines = traced
     line = next(one for one in lines if one.member.label == "coulomb_friction.b")
     hypothesis = Hypothesis((line.member,))
-    best, rest = judge.glance.fit(
+    best, rest = judge.search.glance.fit(
         [Start(hypothesis, np.array([[0.12]])), restart(judge.given)], rounds=0
     )
-    alike = [one.hypothesis.label for one in pick_alike(judge.glance, best, rest, lines, 5)]
+    alike = [one.hypothesis.label for one in pick_alike(judge.search.glance, best, rest, lines, 5)]
     assert "viscous_friction.b" in alike[:2]
     assert all(label.endswith(".b") for label in alike[:2])
     assert "coulomb_friction.b" not in alike
@@ -91,20 +91,20 @@ def test_a_simpler_law_starts_at_the_values_that_it_shares(tmp_path: Path) -> No
     judge = Judge(data)
     stribeck = members["stribeck_friction.a"]
     values = stribeck.probes[:1]
-    (fit,) = judge.glance.fit([Start(Hypothesis((stribeck,)), values)], rounds=0)
+    (fit,) = judge.search.glance.fit([Start(Hypothesis((stribeck,)), values)], rounds=0)
     (start,) = list_simpler(fit, 0, members.values())
     assert start.hypothesis.label == "coulomb_friction.a"
     np.testing.assert_array_equal(start.points.ravel(), [values[0, 0]] * 2)
     both = join_members(fit, (members["coulomb_friction.a"],), np.array([[0.1]]))
-    (fit,) = judge.glance.fit([both], rounds=0)
+    (fit,) = judge.search.glance.fit([both], rounds=0)
     assert list_simpler(fit, 0, members.values()) == []
 
 
 def test_lines_say_what_promises_something(traced: tuple[Judge, list[Line]]) -> None:
     """From the model as given the change that is true comes first; each label comes once."""
     judge, lines = traced
-    (base,) = judge.glance.fit([restart(judge.given)], rounds=0)
-    labels = list_promising(judge.glance, base, lines, 3)
+    (base,) = judge.search.glance.fit([restart(judge.given)], rounds=0)
+    labels = list_promising(judge.search.glance, base, lines, 3)
     assert labels[0] == "coulomb_friction.b"
     assert len(set(labels)) == len(labels) == 3
 

@@ -1,0 +1,120 @@
+"""The search: what is fitted, of all that may explain the gap.
+
+    search = Search(judge, local, common)
+    search.refine(best, starts, tried)          # what promises most in addition to the best
+    search.swap(best, tried)                    # what does about the same as its members
+
+Every change is looked at in some of the windows and in longer time steps; those that promise most
+are fitted there, and the better half of them to all windows. The judge says what wins.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sim2real.diagnosis.inference.fit import Fit, Start
+from sim2real.diagnosis.inference.glance import HALVES, Glance, Quick
+from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.inference.moves import list_simpler, pick_distinct, restart, without
+from sim2real.diagnosis.inference.screen import (
+    Line,
+    list_promising,
+    pick_alike,
+    pick_pairs,
+    pick_starts,
+    trace_lines,
+)
+
+if TYPE_CHECKING:
+    from sim2real.diagnosis.inference.judge import Judge
+
+
+class Search:
+    """Fits what may explain the gap.
+
+    Args:
+        judge: says what wins.
+        local: what is unknown of each window; see `Likelihood`.
+        common: what is unknown of all windows.
+    """
+
+    def __init__(self, judge: Judge, local: np.ndarray, common: np.ndarray) -> None:
+        self._judge, self.settings = judge, judge.settings
+        self.quick = Quick(judge.fitter, judge.given, judge.coarse)
+        left = judge.left_in_windows(judge.given)
+        self.glance = Glance(judge.fitter, judge.given, left, local, common)
+        self.lines: list[Line] = []  # through all probes, beside the model as given
+
+    def anchor(self, best: Fit, tried: dict[str, Fit]) -> Fit:
+        """Return the best in the model's own steps; longer ones then change nothing of it."""
+        if best.hypothesis.members:
+            (best,) = self._judge.fitter.fit([restart(best)], rounds=0)
+            tried[best.label] = best
+            self.quick.anchor(best)
+            self.glance.anchor(best)
+        return best
+
+    def refine(self, best: Fit, starts: Sequence[Start], tried: dict[str, Fit]) -> bool:
+        """Fit what promises most with the best into what was tried; pairs if no change does.
+
+        What acts beyond a threshold only, a stop or a play, has no slope to be screened by: where
+        no straight line promises what it has to win, every change is fitted at a glance.
+
+        Returns:
+            Whether there is a gap, or any change promises what it has to win.
+        """
+        judge, alone, most = self._judge, not best.hypothesis.members, self.settings.refits
+        (base,) = self.glance.fit([restart(best)], rounds=0)
+        if not alone:
+            labels = list_promising(self.glance, base, self.lines, self.settings.promising)
+            starts = [start for start in starts if start.hypothesis.label in labels]
+        lines = trace_lines(self.glance, base, starts)
+        if alone:
+            self.lines = lines
+        gains = [line.gain / self.glance.replayer.compared for line in lines]
+        prices = [judge.price(Hypothesis((line.member,))) for line in lines]
+        flat = all(map(operator.lt, gains, prices))
+        if flat and judge.explains(best):
+            return False
+        self._fit(pick_starts(base, lines, len(lines) if flat and alone else most), tried)
+        if alone and not judge.is_enough(judge.choose(tried)):
+            self._fit(pick_pairs(self.glance, base, lines, most), tried)
+        return True
+
+    def swap(self, best: Fit, tried: dict[str, Fit]) -> None:
+        """Fit what does about the same as each member in its place."""
+        best = self.anchor(best, tried)
+        every = range(len(best.hypothesis.members))
+        own, *parts = self.glance.fit(
+            [restart(best), *(without(best, place) for place in every)], rounds=0
+        )
+        for rest in parts:
+            alike = pick_alike(self.glance, own, rest, self.lines, self.settings.alike)
+            self._fit(alike, tried)
+        others = [line.member for line in self.lines]
+        simpler = [start for place in every for start in list_simpler(best, place, others)]
+        keep_better(self.quick.fit(simpler), tried)
+
+    def _fit(self, starts: Sequence[Start], tried: dict[str, Fit]) -> None:
+        """Fit starts into what was tried: at a glance, and the better half of each size fully."""
+        rounds = self.settings.rounds - self.settings.glances
+        for count in sorted({len(start.hypothesis.members) for start in starts}):
+            own = [start for start in starts if len(start.hypothesis.members) == count]
+            fits = self.glance.fit(own, rounds=self.settings.glances)
+            fits.sort(key=lambda fit: -fit.density.sum())  # so few windows predict others badly
+            chosen = pick_distinct(fits, max(min(len(own), self.settings.refits) // HALVES, 1))
+            keep_better(self.quick.fit(map(restart, chosen), rounds), tried)
+
+
+def is_better(fit: Fit, tried: Mapping[str, Fit]) -> bool:
+    """Return whether a fit predicts better than what was tried of its label, if anything was."""
+    return fit.label not in tried or fit.total > tried[fit.label].total
+
+
+def keep_better(fits: Iterable[Fit], tried: dict[str, Fit]) -> None:
+    """Take the fits that are better into what was tried."""
+    tried.update({fit.label: fit for fit in fits if is_better(fit, tried)})
