@@ -71,7 +71,7 @@ def _slips(
     shares = {}
     for i, sole in enumerate(soles.tolist()):
         name = model.geom(sole).name or model.body(int(model.geom_bodyid[sole])).name
-        if touch[:, i].mean() > settings.seen:
+        if touch[:, i].mean() > settings.told_share:
             shares[name] = float(slip[touch[:, i], i].mean())
     often = {name: share for name, share in shares.items() if share > settings.told_share}
     if often:

@@ -17,6 +17,8 @@ from scipy.linalg import solveh_banded
 from sim2real.diagnosis.ground.feet import Feet
 from sim2real.diagnosis.settings import TINY, Ground
 
+PRIOR = 1e-3  # weight of 0 [s²/m² of speeds, 1/m² of heights]: far below that of any sole
+
 
 class Walk(NamedTuple):
     """A base along T rows."""
@@ -116,13 +118,13 @@ def _speeds(
     down = -np.einsum("tfin,tfij,tfj->tn", feet.way, weight, feet.drift)
     step = np.diff(time)
     stiff = 1.0 / (doubt[:-1] * step) ** 2  # (T - 1,)
-    speed = _chained(curve, down, stiff, pushed * step[:, None], settings.prior)
+    speed = _chained(curve, down, stiff, pushed * step[:, None])
     near = np.zeros_like(curve)  # what the neighbours say reaches a row through its stiffness
     for shift in (1, -1):
         other = np.roll(curve, shift, axis=0)
         link = np.roll(np.append(stiff, 0.0), max(shift, 0))[:, None, None]
         near += other * link / (link + np.trace(other, axis1=1, axis2=2)[:, None, None] + TINY)
-    spread = np.linalg.inv(curve + near + settings.prior * np.eye(speed.shape[1]))
+    spread = np.linalg.inv(curve + near + PRIOR * np.eye(speed.shape[1]))
     return speed, np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
 
 
@@ -135,11 +137,11 @@ def _heights(
     weight = still / settings.sole_m**2
     curve, down = weight.sum(axis=1), -(weight * feet.gap).sum(axis=1)
     stiff = np.full(len(rise), 1.0 / settings.sole_m**2)
-    return _chained(curve[:, None, None], down[:, None], stiff, rise[:, None], settings.prior)[:, 0]
+    return _chained(curve[:, None, None], down[:, None], stiff, rise[:, None])[:, 0]
 
 
 def _chained(
-    curve: np.ndarray, down: np.ndarray, stiff: np.ndarray, gain: np.ndarray, prior: float
+    curve: np.ndarray, down: np.ndarray, stiff: np.ndarray, gain: np.ndarray
 ) -> np.ndarray:
     """Return the n numbers of each row, (T, n), that leave the least square.
 
@@ -148,10 +150,9 @@ def _chained(
         down: X'y of it, (T, n).
         stiff: weight of each step between rows, (T - 1,).
         gain: the numbers' change in each step, (T - 1, n).
-        prior: weight of 0.
     """
     count, size = down.shape
-    blocks, right = curve + prior * np.eye(size), down.copy()
+    blocks, right = curve + PRIOR * np.eye(size), down.copy()
     for rows, sign in ((slice(1, None), 1.0), (slice(-1), -1.0)):
         blocks[rows] += stiff[:, None, None] * np.eye(size)
         right[rows] += sign * stiff[:, None] * gain
