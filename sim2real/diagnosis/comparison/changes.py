@@ -1,7 +1,7 @@
 """Which effects changed: the clearest is named, and the others are tested again with it.
 
-    found = find_changes(pieces, columns, beside, prior, rng, settings)
-    found.named, found.tests
+    found = find_changes(permuted, columns, beside, prior, settings, alpha)
+    found.named, found.every
 
 A change is named while the largest |t| of all effects is larger than chance makes it, and while
 its response is worth naming. Effects that explain the same pieces as well are listed with it.
@@ -16,11 +16,8 @@ from scipy.stats import chi2
 from sim2real.diagnosis.comparison.answer import Alike, Change
 from sim2real.diagnosis.comparison.confounders import Confounded
 from sim2real.diagnosis.comparison.permuted import Permuted, Prior, Tests
-from sim2real.diagnosis.comparison.pieces import Pieces
 from sim2real.diagnosis.comparison.response import Column
-from sim2real.diagnosis.settings import Compared
-
-ALIKE = 2  # equivalents that are listed with a change
+from sim2real.diagnosis.settings import Compared, Settings
 
 
 class Named(NamedTuple):
@@ -40,37 +37,37 @@ class Changes(NamedTuple):
 
 
 def find_changes(
-    pieces: Pieces,
+    permuted: Permuted,
     columns: Sequence[Column],
     beside: Confounded,
     prior: Prior,
-    rng: np.random.Generator,
-    limits: Compared,
+    settings: Settings,
+    alpha: float,
 ) -> Changes:
     """Name what changed.
 
     Args:
-        pieces: of both sides.
+        permuted: the pieces of both sides.
         columns: what may change, the first columns of the pieces.
         beside: columns that something else may have changed, and those that a sensor knows.
         prior: what is known of the columns of the pieces.
-        rng: for the permutations.
-        limits: when a change is named.
+        settings: when a change is named.
+        alpha: probability of any false alarm.
     """
-    permuted = Permuted(pieces, rng, limits.draws)
-    nuisance = [*beside.excused, *beside.known, *pieces.clocks]
+    limits, alike_most = settings.compared, -2.0 * np.log(settings.inference.level)
+    nuisance = [*beside.excused, *beside.known, *permuted.pieces.clocks]
     free = [k for k in range(len(columns)) if k not in (*nuisance, *beside.ruled_out)]
     named: list[Named] = []
-    shares = permuted.of(free, nuisance, limits.alpha, prior).own_share if free else ()
+    shares = permuted.of(free, nuisance, alpha, prior).own_share if free else ()
     untold = [k for k, share in zip(free, shares, strict=True) if share < limits.apart]
     left = [k for k in free if k not in untold]
-    while left and len(named) < limits.changes_max:
-        tests = permuted.of(left, nuisance, limits.alpha, prior)
-        best = _clearest(tests, beside.least, limits, len(pieces.curve))
+    while left and len(named) < settings.inference.members_max:
+        tests = permuted.of(left, nuisance, alpha, prior)
+        best = _clearest(tests, beside.least, limits, alpha, len(permuted.pieces.curve))
         if best is None:
             break
         order = np.argsort(-tests.fall, kind="stable")
-        near = (tests.fall[best] - tests.fall < limits.alike) & (tests.own_share >= limits.apart)
+        near = (tests.fall[best] - tests.fall < alike_most) & (tests.own_share >= limits.apart)
         alike = [left[place] for place in order if near[place]]
         column = left[best]
         if columns[column].option.shared:  # rather one at a single place that explains as well
@@ -79,11 +76,13 @@ def find_changes(
         named.append(Named(column, float(tests.p[left.index(column)]), alike))
         nuisance.append(column)
         left.remove(column)
-    every = permuted.of([*free, *beside.known], nuisance, limits.alpha, prior)
+    every = permuted.of([*free, *beside.known], nuisance, alpha, prior)
     return Changes(tuple(named), every, tuple(untold))
 
 
-def _clearest(tests: Tests, least: np.ndarray, limits: Compared, pieces: int) -> int | None:
+def _clearest(
+    tests: Tests, least: np.ndarray, limits: Compared, alpha: float, pieces: int
+) -> int | None:
     """Return the place of the column that explains most, of those that chance does not.
 
     Chance is asked twice: of the scatter over pieces (p), which few pieces may make too small, and
@@ -91,9 +90,9 @@ def _clearest(tests: Tests, least: np.ndarray, limits: Compared, pieces: int) ->
     piece to piece: noise as large as readings' that lasts a whole piece makes responses of about
     1 / sqrt(pieces).
     """
-    likely = float(chi2.isf(limits.alpha / len(tests.columns), 1))
+    likely = float(chi2.isf(alpha / len(tests.columns), 1))
     large = np.maximum(limits.worth / np.sqrt(pieces), limits.doubt * tests.others)
-    sure = (tests.p <= limits.alpha) & (tests.fall >= likely) & (tests.response >= large)
+    sure = (tests.p <= alpha) & (tests.fall >= likely) & (tests.response >= large)
     sure &= tests.own_share >= limits.apart  # the rest is what the named ones make as well
     sure &= np.abs(tests.value) > least[list(tests.columns)]
     if not sure.any():
@@ -132,7 +131,9 @@ def as_untold(columns: Sequence[Column], found: Changes) -> tuple[tuple[str, str
     return tuple((columns[k].label, text) for k, text in why.items())
 
 
-def as_alike(columns: Sequence[Column], alike: Sequence[int]) -> tuple[Alike, ...]:
+def as_alike(
+    columns: Sequence[Column], alike: Sequence[int], settings: Settings
+) -> tuple[Alike, ...]:
     """Return the first effects of some columns, each once."""
     found = dict.fromkeys(Alike(columns[k].option.name, columns[k].option.place) for k in alike)
-    return tuple(found)[:ALIKE]
+    return tuple(found)[: settings.inference.equivalents_max - 1]

@@ -28,6 +28,7 @@ from sim2real.diagnosis.comparison.changes import (
 )
 from sim2real.diagnosis.comparison.confounders import SUPPLY, Confounded, confounders
 from sim2real.diagnosis.comparison.excused import excuse
+from sim2real.diagnosis.comparison.permuted import Permuted
 from sim2real.diagnosis.comparison.pieces import Pieces, contrasts
 from sim2real.diagnosis.comparison.prepared import Prepared, prepare
 from sim2real.diagnosis.comparison.response import Watch
@@ -171,7 +172,7 @@ def _compared(
 ) -> Comparison:
     """Compare two sides; `tests` of them share the probability of a false alarm."""
     data, columns = made.data, made.response.columns
-    settings = replace(data.settings.compared, alpha=data.settings.compared.alpha / tests)
+    settings, alpha = data.settings, data.settings.compared.alpha / tests
     beside = confounders(made, before, after, remounted)
     first = contrasts(made, made.error, before, after)
     pieces, moved = excuse(first, made, (before, after), beside)
@@ -181,7 +182,7 @@ def _compared(
         "pieces_are_logs": pieces.logs,
         "same_motions": pieces.after is None,
         "apart": {joint.name: float(rms) for joint, rms in apart},
-        "alpha": settings.alpha,
+        "alpha": alpha,
     }
     inputs = {
         "before": [str(data.logs[k].path or "a log") for k in before],
@@ -191,19 +192,20 @@ def _compared(
         "remounted": remounted,
     }
     shared = _values(made.watch)
-    reason = _untellable(pieces, beside, len(columns), data.settings.compared.blocks_min)
+    reason = _untellable(pieces, beside, len(columns), settings.compared.blocks_min)
     if reason is not None:
         rest = (shared, beside.listed, (), numbers, inputs)
         return Comparison("cannot_tell", reason, (), (), (), *rest)
-    rng = np.random.default_rng(seed)
-    found = find_changes(pieces, columns, beside, beside.prior.after(moved), rng, settings)
+    permuted = Permuted(pieces, np.random.default_rng(seed), settings.inference.draws)
+    prior = beside.prior.after(moved)
+    found = find_changes(permuted, columns, beside, prior, settings, alpha)
 
     def change(column: int) -> Change:
         limit = limits.get(columns[column].option.name)
         return as_change(columns, found.every, column, limit, moved.get(column, 0.0))
 
     named = [
-        replace(change(one.column), p=one.p, alike=as_alike(columns, one.alike))
+        replace(change(one.column), p=one.p, alike=as_alike(columns, one.alike, settings))
         for one in found.named
     ]
     if (size := beside.supply) is not None:  # no statistics: the servos measured it

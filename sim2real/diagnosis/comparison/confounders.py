@@ -22,6 +22,8 @@ from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.settings import TINY
 
 DRIVES = ("motor_strength", "position_gain")  # what a motor's copper and magnets are seen as
+THERMAL = (*FRICTION, "motor_strength")  # grease thins, copper resists, magnets weaken
+LITTLE = 2.0  # standard deviations that are put down to temperature where it is the same: 95 %
 MOUNTING, SUPPLY = "gravity_tilt", "supply_voltage"
 
 
@@ -61,7 +63,7 @@ def confounders(
     def named(*names: str) -> list[int]:
         return [k for k, column in enumerate(columns) if column.option.name in names]
 
-    thermal, tilts, supplies = named(*limits.thermal), named(MOUNTING), named(SUPPLY)
+    thermal, tilts, supplies = named(*THERMAL), named(MOUNTING), named(SUPPLY)
     common = [k for k in thermal if columns[k].option.shared]
     excused, little, known, same = [], [], [], []
     was, now = _medians(data, "temperature", before, after)
@@ -106,7 +108,7 @@ def confounders(
         size = own[k] * (limits.warm_friction if friction else limits.warm_strength)
         prior.mean[k], prior.spread[k] = -(rise or 0.0) * size, max(warmer * size, TINY)
     reach = np.full(count, np.inf)
-    reach[little] = limits.little * prior.spread[little]
+    reach[little] = LITTLE * prior.spread[little]
     least = limits.unequal * warmer * own
     columns_of = (tuple(excused), tuple(little), tuple(known), tuple(same))
     return Confounded(listed, *columns_of, least, prior, reach, supply)

@@ -22,23 +22,14 @@ from sim2real.diagnosis.settings import TINY
 
 
 class Pieces(NamedTuple):
-    """B pieces, and K columns: those of the response, then the clock of each joint.
+    """B pieces, and K columns: those of the response, then the clock of each joint."""
 
-    Attributes:
-        curve: X'X of each, weighted by its noise, (B, K, K).
-        down: X'y of each, (B, K), where y is what a change of the columns must make up for.
-        after: the side of each, (B,) bool; None for differences of two sides.
-        rows: compared numbers, all pieces.
-        logs: whether the pieces are whole logs.
-        before_rms: of what is compared, by joint [rad or m], (M,).
-    """
-
-    curve: np.ndarray
-    down: np.ndarray
-    after: np.ndarray | None
-    rows: int
-    logs: bool
-    before_rms: np.ndarray
+    curve: np.ndarray  # (B, K, K) X'X of each, weighted by its noise
+    down: np.ndarray  # (B, K) X'y of each, where y is what a change must make up for
+    after: np.ndarray | None  # (B,) bool: the side of each; None for differences of two sides
+    rows: int  # compared numbers, all pieces
+    logs: bool  # whether the pieces are whole logs
+    before_rms: np.ndarray  # (M,) of what is compared, by joint [rad or m]
 
     @property
     def clocks(self) -> tuple[int, ...]:

@@ -7,7 +7,8 @@ A base is a free joint, or the slides of a boom, that carries compared joints, t
 drives and that the log does not hold.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -23,30 +24,17 @@ FREE, SLIDE = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_SLIDE)
 AXES = ("x", "y", "z")
 
 
-@dataclass(frozen=True)
-class Base:
-    """What of a robot is not held by its joints' encoders.
+class Base(NamedTuple):
+    """What of a robot is not held by its joints' encoders: a free joint, or n slides."""
 
-    Args:
-        joints: numbers of the model's joints.
-        body: the body that they carry.
-        qpos: where the base's linear positions are in qpos, (n,): three of a free joint, one of a
-            slide.
-        dofs: where their speeds are in qvel, (n,).
-        turn: where the quaternion is in qpos, (4,); empty of slides.
-        spin: where the angular velocity is in qvel, (3,); empty of slides.
-        soles: geoms that can touch the ground, (F,).
-        floor: the geom of the ground.
-    """
-
-    joints: tuple[int, ...]
-    body: int
-    qpos: np.ndarray
-    dofs: np.ndarray
-    turn: np.ndarray
-    spin: np.ndarray
-    soles: np.ndarray
-    floor: int
+    joints: tuple[int, ...]  # numbers of the model's joints
+    body: int  # that they carry
+    qpos: np.ndarray  # (n,) where the linear positions are in qpos; three of a free joint
+    dofs: np.ndarray  # (n,) where their speeds are in qvel
+    turn: np.ndarray  # (4,) where the quaternion is in qpos; empty of slides
+    spin: np.ndarray  # (3,) where the angular velocity is in qvel; empty of slides
+    soles: np.ndarray  # (F,) geoms that can touch the ground
+    floor: int  # the geom of the ground
 
     @property
     def is_free(self) -> bool:
@@ -54,23 +42,14 @@ class Base:
         return bool(self.turn.size)
 
 
-@dataclass(frozen=True)
-class Imu:
-    """An IMU on the base.
+class Imu(NamedTuple):
+    """An IMU on the base; None: what the log does not hold."""
 
-    Args:
-        mount: its site's orientation in the base's frame.
-        place: where it is in that frame [m], (3,).
-        orientation: of the site in the world, T of them, or None.
-        gyro: angular velocity in the site's frame [rad/s], (T, 3), or None.
-        acceleration: what it feels in the site's frame [m/s²], (T, 3), or None.
-    """
-
-    mount: Rotation
-    place: np.ndarray
-    orientation: Rotation | None
-    gyro: np.ndarray | None
-    acceleration: np.ndarray | None
+    mount: Rotation  # of its site in the base's frame
+    place: np.ndarray  # (3,) m in that frame
+    orientation: Rotation | None  # of the site in the world, T of them
+    gyro: np.ndarray | None  # (T, 3) rad/s in the site's frame
+    acceleration: np.ndarray | None  # (T, 3) m/s² that it feels in the site's frame
 
     @property
     def tells_turn(self) -> bool:
@@ -119,6 +98,16 @@ def imu_of(log: Log, model: mujoco.MjModel, base: Base) -> Imu | None:
         found.setdefault(sum(part is not None for part in (turn, *rest)), imu)
     most = max(found, default=0)
     return found[most] if most else None
+
+
+def posed(model: mujoco.MjModel, poses: np.ndarray) -> Iterator[mujoco.MjData]:
+    """Yield the robot in each of some poses (T, nq); what is yielded is the same and changes."""
+    data = mujoco.MjData(model)
+    for pose in poses:
+        data.qpos[:] = pose
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        yield data
 
 
 def rotations(quaternions: np.ndarray) -> Rotation:

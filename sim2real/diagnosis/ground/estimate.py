@@ -20,10 +20,10 @@ import numpy as np
 
 from hardware.log import Log
 from sim2real.diagnosis.data.recording import check_log, columns_of, home, load_model
-from sim2real.diagnosis.ground.base import Base, Imu, base_of, imu_of, rotations
+from sim2real.diagnosis.ground.base import Base, base_of, imu_of, rotations
 from sim2real.diagnosis.ground.feet import feet_of
 from sim2real.diagnosis.ground.leaning import leant
-from sim2real.diagnosis.ground.odometry import Push, Walk, walked
+from sim2real.diagnosis.ground.odometry import Walk, walked
 from sim2real.diagnosis.ground.turns import slopes, turned
 from sim2real.diagnosis.settings import Ground
 from sim2real.runs.errors import Sim2RealError
@@ -32,27 +32,16 @@ TRACKER = tuple(f"sensor.position_{i}" for i in range(3))
 
 
 class Estimate(NamedTuple):
-    """A log and the states of its robot at its rows.
+    """A log and the states of its robot at its T rows."""
 
-    Args:
-        log: with columns of the base.
-        base: which of the model's joints these are.
-        qpos: (T, nq).
-        qvel: (T, nv).
-        walk: what the soles said.
-        slope: (T, nv) by how much speeds may be off, standard deviation.
-        lift: (n,) of the base's linear positions that raises it by 1 m.
-        felt: whether an IMU says how the base is turned; else the soles that it rests on do.
-    """
-
-    log: Log
-    base: Base
-    qpos: np.ndarray
-    qvel: np.ndarray
-    walk: Walk
-    slope: np.ndarray
-    lift: np.ndarray
-    felt: bool
+    log: Log  # with columns of the base
+    base: Base  # which of the model's joints these are
+    qpos: np.ndarray  # (T, nq)
+    qvel: np.ndarray  # (T, nv)
+    walk: Walk  # what the soles said
+    slope: np.ndarray  # (T, nv) by how much speeds may be off, standard deviation
+    lift: np.ndarray  # (n,) of the base's linear positions that raises it by 1 m
+    felt: bool  # whether an IMU says how the base is turned; else the soles that it rests on do
 
 
 def estimate_all(logs: Sequence[Log], model: str | Path | None, settings: Ground) -> list[Estimate]:
@@ -124,8 +113,13 @@ def _episode(part: Log, model: mujoco.MjModel, base: Base, settings: Ground) -> 
         qpos[:, base.turn], qvel[:, base.spin] = _rested(part, model, base, qpos, settings)
         slope[:, base.spin] = settings.lean_spin_doubt
     feet = feet_of(model, base, qpos, qvel)
-    felt = _felt(part.time, qpos, qvel, model, base, imu)
-    walk = walked(part.time, feet, Push(felt, _flight(model, base)), settings)
+    felt = None
+    if base.is_free and imu is not None and imu.acceleration is not None:
+        turn, spin = rotations(qpos[:, base.turn]), qvel[:, base.spin]
+        turning = np.gradient(spin, part.time, axis=0)
+        lever = np.cross(turning, imu.place) + np.cross(spin, np.cross(spin, imu.place))
+        felt = turn.apply(imu.mount.apply(imu.acceleration) - lever) + model.opt.gravity
+    walk = walked(part.time, feet, felt, _flight(model, base), settings)
     if base.is_free and all(name in part.columns for name in TRACKER):
         place = np.column_stack([part.column(name) for name in TRACKER])
         walk = walk._replace(speed=np.gradient(place, part.time, axis=0))
@@ -180,24 +174,6 @@ def _motion(part: Log, joint: str, settings: Ground) -> tuple[np.ndarray, np.nda
     speed = first + bend * (ahead + part.time - t[1])
     doubt = np.abs(second - first) * settings.bend_doubt + settings.speed_doubt
     return position, speed, doubt
-
-
-def _felt(
-    time: np.ndarray,
-    qpos: np.ndarray,
-    qvel: np.ndarray,
-    model: mujoco.MjModel,
-    base: Base,
-    imu: Imu | None,
-) -> np.ndarray | None:
-    """Return the base's linear acceleration [m/s²] that its IMU felt, (T, 3); None without one."""
-    if imu is None or imu.acceleration is None or not base.is_free:
-        return None
-    spin = qvel[:, base.spin]
-    turning = np.gradient(spin, time, axis=0)
-    lever = np.cross(turning, imu.place) + np.cross(spin, np.cross(spin, imu.place))
-    turn = rotations(qpos[:, base.turn])
-    return turn.apply(imu.mount.apply(imu.acceleration) - lever) + model.opt.gravity
 
 
 def _flight(model: mujoco.MjModel, base: Base) -> np.ndarray:

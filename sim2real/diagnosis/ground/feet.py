@@ -12,7 +12,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from sim2real.diagnosis.ground.base import Base
+from sim2real.diagnosis.ground.base import Base, posed
 
 FAR = 10.0  # m: soles farther from the ground are nowhere near it
 
@@ -29,15 +29,12 @@ class Feet(NamedTuple):
 
 def feet_of(model: mujoco.MjModel, base: Base, qpos: np.ndarray, qvel: np.ndarray) -> Feet:
     """Return what the soles do in poses (T, nq) at speeds (T, nv)."""
-    data, shape = mujoco.MjData(model), (len(qpos), len(base.soles))
+    shape = len(qpos), len(base.soles)
     gap, drift = np.zeros(shape), np.zeros((*shape, 3))
     way = np.zeros((*shape, 3, len(base.dofs)))
     jacobian, ends = np.zeros((3, model.nv)), np.zeros(6)
     normal = _normal(model, base)
-    for k in range(len(qpos)):
-        data.qpos[:] = qpos[k]
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
+    for k, data in enumerate(posed(model, qpos)):
         for i, sole in enumerate(base.soles.tolist()):
             gap[k, i] = mujoco.mj_geomDistance(model, data, base.floor, sole, FAR, ends)
             body = int(model.geom_bodyid[sole])
@@ -51,8 +48,7 @@ def feet_of(model: mujoco.MjModel, base: Base, qpos: np.ndarray, qvel: np.ndarra
 def _normal(model: mujoco.MjModel, base: Base) -> np.ndarray:
     """Return the ground's upward direction: a plane's own, else against gravity."""
     if model.geom_type[base.floor] == mujoco.mjtGeom.mjGEOM_PLANE:
-        data = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, data)
+        data = next(posed(model, model.qpos0[None]))
         return data.geom_xmat[base.floor].reshape(3, 3)[:, 2].copy()
     down = model.opt.gravity
     return -down / max(float(np.linalg.norm(down)), np.finfo(float).tiny)

@@ -13,9 +13,9 @@ import numpy as np
 from scipy.ndimage import convolve1d
 from scipy.optimize import brute
 
-from sim2real.diagnosis.ground.base import imu_of
+from sim2real.diagnosis.ground.base import imu_of, posed, rotations
 from sim2real.diagnosis.ground.estimate import Estimate
-from sim2real.diagnosis.ground.turns import level, slopes
+from sim2real.diagnosis.ground.turns import back, slopes
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import TINY, Ground
 
@@ -71,7 +71,7 @@ def _slips(
     shares = {}
     for i, sole in enumerate(soles.tolist()):
         name = model.geom(sole).name or model.body(int(model.geom_bodyid[sole])).name
-        if touch[:, i].mean() > settings.seen:
+        if touch[:, i].mean() > settings.told_share:
             shares[name] = float(slip[touch[:, i], i].mean())
     often = {name: share for name, share in shares.items() if share > settings.told_share}
     if often:
@@ -153,12 +153,10 @@ def _tilts(pairs: Sequence[tuple[Estimate, mujoco.MjModel]], settings: Ground) -
 
 def _places(estimate: Estimate, model: mujoco.MjModel) -> np.ndarray:
     """Return where each sole is [m], (T, F, 3), seen from the base with its heading taken out."""
-    base, data = estimate.base, mujoco.MjData(model)
-    found = np.zeros((len(estimate.qpos), len(base.soles), 3))
-    for k, pose in enumerate(estimate.qpos):
-        data.qpos[:] = pose
-        data.qpos[base.turn] = level(pose[None, base.turn])[0]
-        mujoco.mj_kinematics(model, data)
-        found[k] = data.geom_xpos[base.soles] - pose[base.qpos]
+    base, poses = estimate.base, estimate.qpos.copy()
+    turn = poses[:, base.turn]
+    poses[:, base.turn] = (back(turn) * rotations(turn)).as_quat(scalar_first=True)
+    found = np.array([data.geom_xpos[base.soles] for data in posed(model, poses)])
+    found -= poses[:, None, base.qpos]
     found[..., 2] -= model.geom_size[base.soles, 0]
     return found

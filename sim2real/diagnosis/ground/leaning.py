@@ -11,8 +11,9 @@ from itertools import combinations
 
 import mujoco
 import numpy as np
+from scipy.spatial.distance import pdist
 
-from sim2real.diagnosis.ground.base import Base, rotations
+from sim2real.diagnosis.ground.base import Base, posed, rotations
 from sim2real.diagnosis.ground.turns import uprighted
 from sim2real.diagnosis.settings import Ground
 
@@ -32,18 +33,15 @@ def leant(
     """
     if len(base.soles) < CORNERS:
         return None
-    data, ups, rests = mujoco.MjData(model), [], []
+    ups, rests, poses = [], [], qpos.copy()
+    poses[:, base.turn] = np.eye(len(base.turn))[0]
     upright = rotations(qpos[0, base.turn]).inv().apply([0.0, 0.0, 1.0])
-    for pose in qpos:
-        data.qpos[:] = pose
-        data.qpos[base.turn] = np.eye(len(base.turn))[0]
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
+    for data in posed(model, poses):
         centre = data.subtree_com[base.body]
         up, margin = _carried(data.geom_xpos[base.soles], centre, upright, settings)
         ups.append(up)
         rests.append(margin > -settings.lean_margin)
-    if np.mean(rests) < settings.rests:
+    if np.mean(rests) < 1 - settings.told_share:
         return None
     return uprighted(np.array(ups)).as_quat(scalar_first=True)
 
@@ -59,10 +57,10 @@ def _carried(
     best = upright, -np.inf
     for corners in combinations(range(len(soles)), CORNERS):
         one, two, three = soles[list(corners)]
-        normal = np.cross(two - one, three - one)
+        normal, longest = np.cross(two - one, three - one), max(pdist(soles[list(corners)]))
         size = float(np.linalg.norm(normal))
-        if size < settings.narrow_m2:
-            continue
+        if size < settings.gap_m * longest:
+            continue  # as narrow as soles are unsure: a line
         normal = normal * np.sign(normal @ (centre - one) or 1.0) / size
         falls = normal @ upright < np.cos(settings.lean_most)
         if falls or ((soles - one) @ normal < -settings.gap_m).any():

@@ -30,7 +30,7 @@ def unknowns(estimate: Estimate, model: mujoco.MjModel, row: int, settings: Grou
     """Return the directions in which the state of a row may be off."""
     base, axes, slope = estimate.base, np.eye(model.nv), estimate.slope[row]
     up = axes[base.dofs].T @ estimate.lift
-    turn = settings.turn_doubt if estimate.felt else settings.lean_doubt
+    turn = settings.turn_doubt if estimate.felt else settings.told_rad
     ways = [(0, up, settings.height_doubt, settings.height_doubt)]  # position or speed, and doubts
     for dof in base.spin:
         ways += [(0, axes[dof], turn, turn), (1, axes[dof], slope[dof], slope[dof])]

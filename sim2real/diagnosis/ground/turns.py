@@ -7,7 +7,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
-from sim2real.diagnosis.ground.base import Imu, rotations
+from sim2real.diagnosis.ground.base import Imu
 from sim2real.diagnosis.settings import TINY, Ground
 
 
@@ -38,15 +38,11 @@ def slopes(time: np.ndarray, turn: Rotation) -> np.ndarray:
     return Rotation.from_rotvec(-half).apply(rate)
 
 
-def level(turn: np.ndarray) -> np.ndarray:
-    """Return orientations (T, 4) with the heading of the first taken out."""
-    return (back(turn[0]) * rotations(turn)).as_quat(scalar_first=True)
-
-
 def back(turn: np.ndarray) -> Rotation:
-    """Return the rotation about the vertical that takes the heading out of an orientation (4,)."""
-    w, x, y, z = turn
-    return Rotation.from_rotvec([0, 0, -np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))])
+    """Return turns about the vertical that take the heading out of orientations, (4,) or (T, 4)."""
+    w, x, y, z = turn.T
+    heading = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return Rotation.from_rotvec(np.multiply.outer(heading, [0.0, 0.0, -1.0]))
 
 
 def _integrated(time: np.ndarray, spin: np.ndarray) -> Rotation:

@@ -18,10 +18,11 @@ from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import errors_as_given
 from sim2real.diagnosis.data.windows import Joint, Window, cut_one
+from sim2real.diagnosis.ground.base import rotations
 from sim2real.diagnosis.ground.estimate import Estimate
 from sim2real.diagnosis.ground.pushes import is_pushed, rows_of
 from sim2real.diagnosis.ground.starts import Unknowns, clear_starts, moved, unknowns
-from sim2real.diagnosis.ground.turns import back, level
+from sim2real.diagnosis.ground.turns import back
 from sim2real.diagnosis.settings import Ground
 
 HALF = 0.5  # a quaternion's vector part over the angle that it turns by
@@ -77,9 +78,10 @@ def _window(data: Data, number: int, estimate: Estimate, rows: tuple[int, int, i
     qpos, qvel = estimate.qpos[start].copy(), estimate.qvel[start].copy()
     said = window.measured.copy()
     if base.is_free:
-        turn = level(estimate.qpos[start:last, base.turn])
+        level = back(estimate.qpos[start, base.turn])
+        turn = (level * rotations(estimate.qpos[start:last, base.turn])).as_quat(scalar_first=True)
         turn *= np.where(turn @ turn[0] < 0, -1.0, 1.0)[:, None]
-        qvel[base.dofs] = back(estimate.qpos[start, base.turn]).apply(qvel[base.dofs])
+        qvel[base.dofs] = level.apply(qvel[base.dofs])
         qpos[base.turn] = turn[0]
         if data.joints[-1].scale == HALF:  # its turn is compared
             said[:, -len(PARTS) :] = turn[first - start :, 1:]
@@ -122,8 +124,7 @@ def _refined(
     noise = settings.error_rad
     flat = (ways / noise).reshape(len(ways), -1, ways.shape[3])
     rest = (error / noise).reshape(len(error), -1)
-    curve = np.einsum("wnd,wne->wde", flat, flat)
-    curve += np.einsum("wd,de->wde", known**-2, np.eye(known.shape[1]))
+    curve = np.einsum("wnd,wne->wde", flat, flat) + np.eye(known.shape[1]) * known[:, None] ** -2
     step = -np.linalg.solve(curve, np.einsum("wnd,wn->wd", flat, rest)[..., None])[..., 0]
     step = np.clip(step, -settings.step_max, settings.step_max)
     best, cost = list(data.windows), (rest**2).sum(axis=1)

@@ -36,9 +36,6 @@ class Compared:
         "judgement: a nightly guard may err once in two months; sessions differ by more than "
         "chance, which must fit into 0.05 too",
     )
-    draws: int = setting(
-        2000, "1", "number of permutations of the recordings before and after", COST
-    )
     same_rows: float = setting(
         0.9,
         "1",
@@ -63,13 +60,6 @@ class Compared:
         "finite difference of factors and tilts, relative to their smallest probe",
         "derived: the smallest probe of a factor is a quarter, changes are some per cent",
     )
-    alike: float = setting(
-        6.0,
-        "1",
-        "largest difference of −2 log likelihood between equally good explanations",
-        "derived: odds of 20",
-    )
-    changes_max: int = setting(4, "1", "largest number of changes that are reported", JUDGED)
     worth: float = setting(
         1.1,
         "1",
@@ -95,12 +85,6 @@ class Compared:
     )
     shared_worth: float = setting(
         0.1, "1", "smallest fraction of the gap that each of these effects must close", JUDGED
-    )
-    little: float = setting(
-        2.0,
-        "1",
-        "largest change attributed to temperature at equal temperatures, in standard deviations",
-        "derived: odds of 20",
     )
     same_temperature: float = setting(
         1.0,
@@ -142,12 +126,6 @@ class Compared:
         "1",
         "relative difference of median voltages from which the supply has changed",
         JUDGED,
-    )
-    thermal: tuple[str, ...] = setting(
-        ("coulomb_friction", "viscous_friction", "motor_strength"),
-        "",
-        "effects that temperature changes in all joints alike",
-        "derived: grease thins, copper resists, magnets weaken",
     )
 
     @property

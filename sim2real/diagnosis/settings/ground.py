@@ -58,12 +58,6 @@ class Ground:
         "standard deviation of the base's acceleration from that of its accelerometer",
         JUDGED,
     )
-    prior: float = setting(
-        1e-3,
-        "s²/m²",
-        "weight of the prior that speed and height (in 1/m²) of the base are zero",
-        JUDGED,
-    )
     upright_s: float = setting(
         1.0, "s", "averaging time of the accelerometer, whose mean points up", JUDGED
     )
@@ -137,9 +131,6 @@ class Ground:
     stands: float = setting(
         0.5, "1", "contact weight above which a foot touches the ground, or stands on it", JUDGED
     )
-    seen: float = setting(
-        0.02, "1", "fraction of rows in contact above which a geom counts as a foot", JUDGED
-    )
     late_s: float = setting(
         0.004,
         "s",
@@ -157,9 +148,6 @@ class Ground:
     push_times: float = setting(
         8.0, "1", "smallest orientation error of a pushed window, relative to the median", JUDGED
     )
-    narrow_m2: float = setting(
-        1e-3, "m²", "twice the smallest area of a triangle of feet that supports a robot", JUDGED
-    )
     lean_margin: float = setting(
         0.05,
         "1",
@@ -167,12 +155,6 @@ class Ground:
         JUDGED,
     )
     lean_most: float = setting(0.8, "rad", "largest tilt of a robot that rests on its feet", JUDGED)
-    rests: float = setting(
-        0.9, "1", "fraction of the rows in which a robot must rest on its feet", JUDGED
-    )
-    lean_doubt: float = setting(
-        0.02, "rad", "standard deviation of a resting base's orientation, without an IMU", JUDGED
-    )
     lean_spin_doubt: float = setting(
         0.3,
         "rad/s",

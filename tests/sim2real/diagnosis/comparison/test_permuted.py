@@ -10,7 +10,7 @@ from sim2real.diagnosis.comparison.changes import Changes, find_changes
 from sim2real.diagnosis.comparison.confounders import Confounded
 from sim2real.diagnosis.comparison.permuted import Permuted, Prior
 from sim2real.diagnosis.comparison.pieces import Pieces
-from sim2real.diagnosis.settings import Compared
+from sim2real.diagnosis.settings import DEFAULT
 
 ROWS, COLUMNS = 30, 5  # the last one is the clock
 NOTHING = Prior(np.zeros(COLUMNS), np.full(COLUMNS, np.inf))
@@ -53,7 +53,8 @@ def changes(
     ]
     reach = np.full(COLUMNS - 1, np.inf)
     beside = Confounded((), excused, (), (), (), np.array(least), NOTHING, reach, None)
-    return find_changes(made, columns, beside, NOTHING, rng, Compared(draws=draws))
+    permuted = Permuted(made, rng, draws)
+    return find_changes(permuted, columns, beside, NOTHING, DEFAULT, DEFAULT.compared.alpha)
 
 
 @pytest.mark.parametrize("sided", [False, True], ids=["differences", "sides"])
