@@ -25,6 +25,12 @@ KEYS = {
     *("trainings", "cost", "command"),
 }
 SHARE = 0.25  # of rows that may be without a figure
+VERBS = {  # of several claims
+    "holds": "hold",
+    "contradicted": "are contradicted",
+    "undecided": "are undecided",
+    "not run": "were not run",
+}
 HEAD = """# Five works, and our figures
 
 The project began with five works. This page lists every row of their tables: the original figures
@@ -34,9 +40,9 @@ contains the original figures and their sources.
 
 * Figures are means over training seeds, or interquartile means if marked IQM. Brackets are 95 %
   bootstrap intervals over training seeds.
-* A claim **holds** or is **contradicted** if the whole interval of the difference lies on one side;
-  otherwise it is **undecided**. The number after a claim is its margin. With fewer than five runs,
-  intervals are too narrow and are marked.
+* A claim **holds** or is **contradicted** if the whole interval of the difference is above or
+  below zero; otherwise it is **undecided**. The number after a claim is its margin. With fewer than
+  five runs, intervals are too narrow; such claims are marked *few runs*.
 * Steps and CPU minutes are per training seed; a dash means that they were not recorded.
 """
 
@@ -123,12 +129,13 @@ def page(content: Mapping[str, Any], folder: Path) -> str:
 def _summary(every: Sequence[Row]) -> str:
     missing = sum(not row.run for row in every)
     answers = [verdict.answer for row in every for verdict in row.verdicts]
-    counts = {answer: answers.count(answer) for answer in dict.fromkeys(answers)}
-    listed = ", ".join(f"{answer} {count}" for answer, count in sorted(counts.items()))
+    counts = {answer: answers.count(answer) for answer in answers}
+    said = [f"{counts[answer]} {verb}" for answer, verb in VERBS.items() if answer in counts]
+    listed = " and ".join(part for part in (", ".join(said[:-1]), *said[-1:]) if part)
     return (
         f"We have figures for {len(every) - missing} of {len(every)} rows; {missing} "
         f"({missing / len(every):.0%}) were not run (at most {SHARE:.0%} are allowed). "
-        f"Of {len(answers)} claims: {listed}."
+        f"Of {len(answers)} claims, {listed}."
     )
 
 

@@ -119,7 +119,7 @@ class TorqueSpeedKnee(ActuatorEffect):
             2.0,
             1.001,
             1e3,
-            "the no-load speed as a multiple of the knee's",
+            "the no-load speed as a multiple of the speed at the knee",
             fit=(1.05, 10.0),
             typical=(1.2, 4.0),
         ),
@@ -129,7 +129,7 @@ class TorqueSpeedKnee(ActuatorEffect):
     no_mjcf = "MJCF has no force range that depends on the speed"
     symptom = "fast motions under load lag; slow motions with the same torque do not"
     source = "|tau| <= tau_max min(1, (w0 - |w|) / (w0 - wk)): a motor's back-EMF at full voltage"
-    experiment = "large steps, up and down, at two supply voltages: their speed is limited"
+    experiment = "large steps, up and down, at two supply voltages; compare their top speeds"
     group = RULES
     limits, neutral = (1e-3, NO_KNEE), NO_KNEE
     law = _Knee

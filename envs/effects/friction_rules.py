@@ -206,7 +206,7 @@ class LoadDependentFriction(_RuledFriction):
     """Friction in proportion to the load of the gear: value |tau_motor - external tau_external|.
 
     The external torque is gravity and inertia, without contacts; `external` 0 counts the motor's
-    torque only. Back-EMF does not load the gear. Torques are those of the previous substep.
+    torque only. Back-EMF does not load the gear. Torques are taken from the previous substep.
     """
 
     name = "load_dependent_friction"

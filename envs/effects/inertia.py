@@ -36,8 +36,8 @@ class _Dense(BoundEffect):
 class LinkMass(FieldEffect):
     """Mass of a body, at its centre of mass.
 
-    Its inertia does not change (`inertia: kept`, a load near the centre) or scales with the mass
-    (`scaled`, a different density).
+    Its inertia either stays the same (`inertia: kept`, a load near the centre) or scales with the
+    mass (`scaled`, a different density).
 
     Args:
         inertia: `kept` or `scaled`.
@@ -168,9 +168,10 @@ class _Shift(BoundEffect):
 
 
 class CenterOfMass(Effect):
-    """Shift of a body's centre of mass towards its child joint, or a leaf's farthest geom or site.
+    """Shift of a body's centre of mass towards its child joint.
 
-    The inertia about the centre of mass is unchanged.
+    Without a child joint the shift is towards the body's farthest geom or site. The inertia about
+    the centre of mass is unchanged.
     """
 
     name = "center_of_mass"

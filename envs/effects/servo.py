@@ -164,7 +164,7 @@ def limited(spec: mujoco.MjSpec, where: str | None) -> None:
 
 
 class TorqueLimit(FieldEffect, ActuatorEffect):
-    """The largest torque at the joint, in either direction, also if the model has no limit."""
+    """The largest torque at the joint, in either direction, even if the model has no limit."""
 
     name = "torque_limit"
     place = "actuator"
@@ -310,7 +310,7 @@ class DeadZone(ActuatorEffect):
     symptom = "the servo stops a fixed angle short, whatever the gain, and its PWM is zero there"
     source = (
         "u = 0 if |e| < d, else kp (e - (1 - punch) d sign(e)); an XL430 stops 4 to 5 counts short "
-        "(answers.ros.org 303081); the compliance margin and punch of the AX-12's manual"
+        "(answers.ros.org 303081); compliance margin and punch in the AX-12's manual"
     )
     experiment = "very slow ramps without load, at two gains"
     limits = (0.0, np.inf)

@@ -170,7 +170,7 @@ class _Sag(_Weakening):
 class SupplySag(Effect):
     """Supply voltage that drops under load: V = V0 - value * sum of |torque| / kt.
 
-    Torques are those of the previous substep.
+    The torques are taken from the previous substep.
     """
 
     name = "supply_sag"
@@ -178,8 +178,10 @@ class SupplySag(Effect):
     place = "robot"
     unit = "V/A"
     extras = (
-        Extra("voltage", "V", None, 1e-3, 1e3, "the supply without load"),
-        Extra("torque_constant", "N·m/A", None, 1e-6, 1e3, "the motors' constant at the joint"),
+        Extra("voltage", "V", None, 1e-3, 1e3, "supply voltage without load"),
+        Extra(
+            "torque_constant", "N·m/A", None, 1e-6, 1e3, "the motors' torque constant, at the joint"
+        ),
     )
     typical = (0.0, 2.0)
     no_mjcf = "MJCF has no supply that several actuators share"
@@ -274,7 +276,7 @@ class ThermalDerating(ActuatorEffect):
             0.0,
             0.0,
             1.0,
-            "fraction of the damping that is not caused by motor current and unaffected by heat",
+            "fraction of the damping that the motor's heat does not affect",
             fit=(0.0, 1.0),
         ),
     )
@@ -283,7 +285,7 @@ class ThermalDerating(ActuatorEffect):
     sizes = Sizes("add", "heating", 1e-3, 100.0)
     symptom = "errors that grow over minutes of heavy load and disappear after a pause"
     source = (
-        "the integral of I²R heats the winding, which raises its resistance and lowers firmware"
+        "the integral of I²R heats the winding: its resistance rises, and firmware lowers its"
         " limits; tests of 2 minutes warmed an XL330 from 27 to 40 °C"
     )
     experiment = (

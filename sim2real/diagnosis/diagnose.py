@@ -39,7 +39,7 @@ from sim2real.diagnosis.inference.run import About, find_causes
 from sim2real.diagnosis.numerics import null_test
 from sim2real.diagnosis.outcome import Diagnosis
 from sim2real.diagnosis.prepare import prepare
-from sim2real.diagnosis.report.link import links
+from sim2real.diagnosis.report.provenance import links
 from sim2real.diagnosis.schema import Report
 from sim2real.diagnosis.settings import DEFAULT, Settings, rows
 from sim2real.diagnosis.whole_replay import replayed

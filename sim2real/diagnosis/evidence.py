@@ -65,11 +65,7 @@ class Rung:
 
 @dataclass(frozen=True)
 class SingleFit:
-    """One effect alone: its value and the share of the closable gap that it closes.
-
-    `ci` is that share's 90 % interval; None where the effect was not fitted but only screened: then
-    value and share are estimates.
-    """
+    """One effect alone: its value, and the share of the closable gap that it closes."""
 
     effect: str
     where: str | None
@@ -77,7 +73,7 @@ class SingleFit:
     value: float
     unit: str
     closed: float
-    ci: Pair | None
+    ci: Pair  # its 90 % interval
 
 
 @dataclass(frozen=True)
@@ -105,15 +101,11 @@ class ChannelGap:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the pictures show and `report.json` does not hold.
-
-    Singles are the causes in their order, then those that were fitted, then those that were
-    screened, best first.
-    """
+    """What the pictures show and `report.json` does not hold."""
 
     traces: tuple[Trace, ...] = ()  # every joint of every episode
     ladder: tuple[Rung, ...] = ()  # before, after each added effect, all together; the floor
-    singles: tuple[SingleFit, ...] = ()  # every effect alone
+    singles: tuple[SingleFit, ...] = ()  # every effect that was fitted alone, the best first
     bands: tuple[Band, ...] = ()  # joint by joint, low frequencies first
     inputs: Mapping[str, Any] = field(default_factory=dict)  # names, seed, versions, folds
     settings: tuple[Row, ...] = ()  # every number that steered the answer

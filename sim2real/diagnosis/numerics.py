@@ -18,8 +18,8 @@ from envs.effects import merge_effects
 from envs.effects.friction import STIFF_SOLIMP
 from envs.plant import Fixed
 from hardware.log import Log
-from sim2real.diagnosis.data.recording import shorten
 from sim2real.diagnosis.data.pairs import scalars
+from sim2real.diagnosis.data.recording import shorten
 from sim2real.diagnosis.data.trial import Piece, choose, trial
 from sim2real.diagnosis.settings import DEFAULT, Numerics, Settings
 

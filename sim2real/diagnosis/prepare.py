@@ -18,8 +18,8 @@ from sim2real.diagnosis.data.kinds import refuse_kinds
 from sim2real.diagnosis.data.progress import Progress
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.refuse import refuse_clock
+from sim2real.diagnosis.ground.estimate import estimate_all
 from sim2real.diagnosis.ground.findings import check_ground
-from sim2real.diagnosis.ground.logs import estimate_all
 from sim2real.diagnosis.ground.pushes import check_pushes
 from sim2real.diagnosis.ground.windows import grounded
 from sim2real.diagnosis.preflight.checks import preflight

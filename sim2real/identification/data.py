@@ -16,7 +16,7 @@ from envs.plant import Fixed
 from envs.rows import Rows
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.ground.logs import estimate_all
+from sim2real.diagnosis.ground.estimate import estimate_all
 from sim2real.diagnosis.ground.windows import grounded
 from sim2real.diagnosis.settings import DEFAULT
 

@@ -27,7 +27,7 @@ from sim2real.diagnosis.data.kinds import refuse_kinds
 from sim2real.diagnosis.data.recording import check_log, load_model
 from sim2real.diagnosis.data.refuse import refuse_clock, refuse_loose_base
 from sim2real.diagnosis.data.replay import Gap, measure, write
-from sim2real.diagnosis.ground.logs import estimate_all
+from sim2real.diagnosis.ground.estimate import estimate_all
 from sim2real.diagnosis.inference.run import find_mistakes
 from sim2real.diagnosis.preflight.checks import NOTES, preflight
 from sim2real.diagnosis.settings import DEFAULT

@@ -14,6 +14,7 @@ and as many others; the draws of episodes give the intervals (subsampling, Polit
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -83,20 +84,24 @@ def closed_loop_of(
     Raises:
         Sim2RealError: logs of several policies; see `check_closed_loop`.
     """
-    named = {place_of(log, "policy") for log in logs} - {None}
-    if load_player is None or not (actor or named):
+    if load_player is None:
         return None
-    if actor is None and len(named) > 1:
-        policies = ", ".join(sorted(map(str, named)))
-        raise Sim2RealError(
-            f"the logs belong to several policies ({policies}); diagnose one policy at a time"
-        )
-    own = [log for log in logs if "action.0" in log.columns] or list(logs)
     if actor is None:
-        own = [log for log in logs if place_of(log, "policy")]
-    tasks = {str(log.meta["task"]) for log in own if log.meta.get("task")}
-    player = load_player(actor or named.pop() or "", tasks.pop() if len(tasks) == 1 else None)
-    return check_closed_loop(own, player, effects, seed, settings)
+        logs = [log for log in logs if place_of(log, "policy")]
+        policies = sorted({str(place_of(log, "policy")) for log in logs})
+        if not policies:
+            return None
+        if len(policies) > 1:
+            raise Sim2RealError(
+                f"the logs belong to several policies ({', '.join(policies)}); diagnose one policy "
+                "at a time"
+            )
+        actor = policies[0]
+    else:
+        logs = [log for log in logs if "action.0" in log.columns] or list(logs)
+    tasks = {str(log.meta["task"]) for log in logs if log.meta.get("task")}
+    player = load_player(actor, tasks.pop() if len(tasks) == 1 else None)
+    return check_closed_loop(logs, player, effects, seed, settings)
 
 
 def check_closed_loop(
@@ -119,21 +124,22 @@ def check_closed_loop(
         Sim2RealError: fewer than two episodes, another control rate, or no channel in common.
     """
     robot = episodes_of(logs)
-    known = not player.needs_tracker or all(TRACKED in log.columns for log in logs)
-    if not known:
-        robot = [one._replace(returned=None) for one in robot]
     _refuse(robot, player, settings)
     longest = max(len(next(iter(one.columns.values()))) for one in robot)
-    worlds = [player((), settings.episodes, seed)]
-    if effects:
-        worlds.append(player(effects, settings.episodes, seed))
-    worlds = [[_cut(one, longest) for one in world] for world in worlds]
-    every = [*robot, *(one for world in worlds for one in world)]
+    known = not player.needs_tracker or all(TRACKED in log.columns for log in logs)
+    worlds = [
+        [
+            one._replace(columns={name: values[:longest] for name, values in one.columns.items()})
+            for one in player(some, settings.episodes, seed)
+        ]
+        for some in ([(), effects] if effects else [()])
+    ]
+    every = [*robot, *chain(*worlds)]
     names = shared(every)
     if not names:
         raise Sim2RealError("the log and the policy's simulator have no channel in common")
     rng = np.random.default_rng(seed)
-    distances = _distances(every, len(robot), names, bool(effects), rng, settings)
+    distances = _distances(every, len(robot), names, rng, settings)
     return ClosedLoop(
         player.name,
         tuple(names),
@@ -141,7 +147,7 @@ def check_closed_loop(
         settings.episodes,
         _verdict(distances[0], settings),
         distances,
-        _returns(robot, worlds, rng, settings),
+        _returns([robot, *worlds], rng, settings) if known else None,
     )
 
 
@@ -149,8 +155,7 @@ def _refuse(robot: Sequence[Episode], player: Player, settings: ClosedLoopSettin
     if len(robot) < FEW:
         raise Sim2RealError(
             f"the policy's logs contain {len(robot)} episode; the robot's distance from itself "
-            f"needs "
-            f"at least {FEW}: record more episodes of the policy"
+            f"needs at least {FEW}: record more episodes of the policy"
         )
     step = float(np.median([one.step for one in robot]))
     if abs(step / player.step - 1) > settings.rate_error:
@@ -160,16 +165,10 @@ def _refuse(robot: Sequence[Episode], player: Player, settings: ClosedLoopSettin
         )
 
 
-def _cut(one: Episode, rows: int) -> Episode:
-    """Return an episode no longer than the robot's."""
-    return one._replace(columns={name: values[:rows] for name, values in one.columns.items()})
-
-
 def _distances(
     every: Sequence[Episode],
     own: int,
     names: Sequence[str],
-    corrected: bool,
     rng: np.random.Generator,
     settings: ClosedLoopSettings,
 ) -> tuple[Distance, ...]:
@@ -177,36 +176,29 @@ def _distances(
     samples, group = histories(every, names, settings)
     real = samples[group < own]
     moved = real.std(axis=0) > TINY
-    pool = PooledSamples(
-        standardize(real[:, moved], samples[:, moved]), group, rng, settings.directions
-    )
-    half, count = own // 2, len(every)
+    scaled = standardize(real[:, moved], samples[:, moved])
+    pool = PooledSamples(scaled, group, rng, settings.directions)
+    half, worlds = own // 2, range(own, len(every), settings.episodes)  # where each begins
     rows: dict[str, list[list[float]]] = {"sliced_wasserstein": [], "mmd": []}
     for _ in range(settings.draws):
         dealt = rng.permutation(own)
-        others = [dealt[half : 2 * half]]
-        for world in range(1 + corrected):
-            start = own + world * settings.episodes
-            others.append(start + rng.choice(settings.episodes, half, replace=False))
-        first = _weights(dealt[:half], count)
+        drawn = [begin + rng.choice(settings.episodes, half, replace=False) for begin in worlds]
+        first, *others = (
+            np.bincount(chosen, minlength=len(every))
+            for chosen in (dealt[:half], dealt[half : 2 * half], *drawn)
+        )
         for name, distance in (("sliced_wasserstein", pool.wasserstein), ("mmd", pool.mmd)):
-            rows[name].append([distance(first, _weights(other, count)) for other in others])
+            rows[name].append([distance(first, other) for other in others])
     return tuple(_distance(name, np.array(values)) for name, values in rows.items())
-
-
-def _weights(chosen: np.ndarray, count: int) -> np.ndarray:
-    """Return 1 for the chosen of so many episodes and 0 for the others."""
-    found = np.zeros(count)
-    found[chosen] = 1.0
-    return found
 
 
 def _distance(measure: str, values: np.ndarray) -> Distance:
     """Return the means and intervals of draws, (draws, 2 or 3)."""
-    ends = [_interval(column) for column in values.T]
-    if values.shape[1] <= FEW:
-        return Distance(measure, ends[0], ends[1], None, None)
-    return Distance(measure, ends[0], ends[1], ends[2], _interval(values[:, 1] - values[:, 2]))
+    floor, nominal, *corrected = (_interval(column) for column in values.T)
+    if not corrected:
+        return Distance(measure, floor, nominal, None, None)
+    nearer = _interval(values[:, 1] - values[:, 2])
+    return Distance(measure, floor, nominal, corrected[0], nearer)
 
 
 def _interval(values: np.ndarray) -> Estimate:
@@ -227,20 +219,18 @@ def _verdict(one: Distance, settings: ClosedLoopSettings) -> ClosedLoopVerdict:
 
 
 def _returns(
-    robot: Sequence[Episode],
-    worlds: Sequence[Sequence[Episode]],
-    rng: np.random.Generator,
-    settings: ClosedLoopSettings,
+    worlds: Sequence[Sequence[Episode]], rng: np.random.Generator, settings: ClosedLoopSettings
 ) -> Returns | None:
-    """Return what the task paid on the robot and in the simulators; None where nobody knows."""
-    paid = [[one.returned for one in world] for world in (robot, *worlds)]
+    """Return what the task paid on the robot and in the simulators; None where nobody knows.
+
+    Intervals are those of the mean, by a bootstrap over the episodes.
+    """
+    paid = [[one.returned for one in world] for world in worlds]
     if any(value is None for world in paid for value in world):
         return None
-    means = [_mean(np.array(world, float), rng, settings.draws) for world in paid]
-    return Returns(means[0], means[1], means[2] if worlds[1:] else None)
-
-
-def _mean(values: np.ndarray, rng: np.random.Generator, draws: int) -> Estimate:
-    """Return a mean of episodes and its interval, by a bootstrap over them."""
-    again = values[rng.integers(len(values), size=(draws, len(values)))].mean(axis=1)
-    return replace(_interval(again), value=float(values.mean()))
+    means = []
+    for world in paid:
+        values = np.array(world, float)
+        again = values[rng.integers(len(values), size=(settings.draws, len(values)))]
+        means.append(replace(_interval(again.mean(axis=1)), value=float(values.mean())))
+    return Returns(means[0], means[1], means[2] if means[2:] else None)

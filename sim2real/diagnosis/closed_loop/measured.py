@@ -10,18 +10,19 @@ as the direction of gravity in the sensor's frame, since a heading is arbitrary.
 """
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.spatial.transform import Rotation
 
 from hardware.log import Log
+from sim2real.diagnosis.contract.rebuild import gravity
+from sim2real.diagnosis.contract.rows import is_sent
+from sim2real.diagnosis.contract.terms import AXES
 from sim2real.diagnosis.settings import ClosedLoopSettings
 
-AXES = ("x", "y", "z")
 QUATERNION = ("w", *AXES)
-DOWN = np.array([0.0, 0.0, -1.0])
 
 
 class Episode(NamedTuple):
@@ -41,16 +42,11 @@ class Episode(NamedTuple):
 def episodes_of(logs: Sequence[Log]) -> list[Episode]:
     """Return the episodes of logs of at least two rows; returns are sums of `reward`."""
     found = []
-    for log in logs:
-        for part in log.episodes():
-            rows = slice(None)
-            if "flag.end" in part.columns:  # the row after the last command
-                rows = part.column("flag.end") == 0
-            step = float(np.median(np.diff(part.time)))
-            reward = part.columns.get("reward")
-            own = {name: values[rows] for name, values in part.columns.items()}
-            paid = None if reward is None else float(reward.sum())
-            found.append(Episode(as_measured(own), step, paid))
+    for part in chain.from_iterable(log.episodes() for log in logs):
+        own = {name: values[is_sent(part)] for name, values in part.columns.items()}
+        reward = part.columns.get("reward")
+        paid = None if reward is None else float(reward.sum())
+        found.append(Episode(as_measured(own), float(np.median(np.diff(part.time))), paid))
     return found
 
 
@@ -62,8 +58,8 @@ def as_measured(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         site = rest.removesuffix(".w")
         if kind == "quat" and site != rest:
             turn = np.column_stack([columns[f"quat.{site}.{part}"] for part in QUATERNION])
-            down = Rotation.from_quat(turn, scalar_first=True).inv().apply(DOWN)  # (T, 3)
-            found |= {f"gravity.{site}.{axis}": down[:, i] for i, axis in enumerate(AXES)}
+            down = zip(AXES, gravity(turn).T, strict=True)
+            found |= {f"gravity.{site}.{axis}": values for axis, values in down}
     return found
 
 

@@ -1,6 +1,6 @@
 """Which effects changed: the clearest is named, and the others are tested again with it.
 
-    found = find_changes(pieces, columns, excused, rng, settings)
+    found = find_changes(pieces, columns, beside, prior, rng, settings)
     found.named, found.tests
 
 A change is named while the largest |t| of all effects is larger than chance makes it, and while
@@ -14,14 +14,17 @@ import numpy as np
 from scipy.stats import chi2
 
 from sim2real.diagnosis.comparison.answer import Alike, Change
+from sim2real.diagnosis.comparison.confounders import Confounded
 from sim2real.diagnosis.comparison.permuted import Permuted, Prior, Tests
 from sim2real.diagnosis.comparison.pieces import Pieces
 from sim2real.diagnosis.comparison.response import Column
 from sim2real.diagnosis.settings import Compared
 
+ALIKE = 2  # equivalents that are listed with a change
+
 
 class Named(NamedTuple):
-    """A change: its column, its test, and the columns that explain alike."""
+    """A change: its column, its test, and the columns that explain alike, the best first."""
 
     column: int
     p: float
@@ -39,52 +42,44 @@ class Changes(NamedTuple):
 def find_changes(
     pieces: Pieces,
     columns: Sequence[Column],
-    excused: Sequence[int],
-    known: Sequence[int],
-    ruled_out: Sequence[int],
-    least: np.ndarray,
+    beside: Confounded,
+    prior: Prior,
     rng: np.random.Generator,
     limits: Compared,
-    prior: Prior | None = None,
 ) -> Changes:
     """Name what changed.
 
     Args:
         pieces: of both sides.
         columns: what may change, the first columns of the pieces.
-        excused: columns that temperature or mounting may have changed.
-        known: columns that are known to have changed otherwise.
-        ruled_out: columns that are known not to have changed.
-        least: of each column, the size that a change must have, (P,).
+        beside: columns that something else may have changed, and those that a sensor knows.
+        prior: what is known of the columns of the pieces.
         rng: for the permutations.
         limits: when a change is named.
-        prior: what is known of the columns of the pieces.
     """
     permuted = Permuted(pieces, rng, limits.draws)
-    nuisance = [*excused, *known, *pieces.clocks]
-    free = [k for k in range(len(columns)) if k not in (*nuisance, *ruled_out)]
+    nuisance = [*beside.excused, *beside.known, *pieces.clocks]
+    free = [k for k in range(len(columns)) if k not in (*nuisance, *beside.ruled_out)]
     named: list[Named] = []
-    first = permuted.of(free, nuisance, limits.alpha, prior)
-    shares = zip(first.columns, first.own_share, strict=True)
-    untold = [k for k, share in shares if share < limits.apart]
+    shares = permuted.of(free, nuisance, limits.alpha, prior).own_share if free else ()
+    untold = [k for k, share in zip(free, shares, strict=True) if share < limits.apart]
     left = [k for k in free if k not in untold]
     while left and len(named) < limits.changes_max:
         tests = permuted.of(left, nuisance, limits.alpha, prior)
-        best = _clearest(tests, least, limits, len(pieces.curve))
+        best = _clearest(tests, beside.least, limits, len(pieces.curve))
         if best is None:
             break
-        near = tests.fall[best] - tests.fall < limits.alike
-        near &= tests.own_share >= limits.apart
-        alike = [k for k, n in zip(tests.columns, near, strict=True) if n]
-        best = _plainest(tests, columns, best, alike)
-        column = tests.columns[best]
-        order = sorted(
-            (k for k in alike if k != column), key=lambda k: -tests.fall[tests.columns.index(k)]
-        )
-        named.append(Named(column, float(tests.p[best]), tuple(order)))
+        order = np.argsort(-tests.fall, kind="stable")
+        near = (tests.fall[best] - tests.fall < limits.alike) & (tests.own_share >= limits.apart)
+        alike = [left[place] for place in order if near[place]]
+        column = left[best]
+        if columns[column].option.shared:  # rather one at a single place that explains as well
+            column = next((k for k in alike if not columns[k].option.shared), column)
+        alike = tuple(k for k in alike if k != column)
+        named.append(Named(column, float(tests.p[left.index(column)]), alike))
         nuisance.append(column)
         left.remove(column)
-    every = permuted.of([*free, *known], nuisance, limits.alpha, prior)
+    every = permuted.of([*free, *beside.known], nuisance, limits.alpha, prior)
     return Changes(tuple(named), every, tuple(untold))
 
 
@@ -106,26 +101,13 @@ def _clearest(tests: Tests, least: np.ndarray, limits: Compared, pieces: int) ->
     return int(np.argmax(np.where(sure, tests.fall, -np.inf)))
 
 
-def _plainest(tests: Tests, columns: Sequence[Column], best: int, alike: Sequence[int]) -> int:
-    """Return the place of the best column, or of one at a single place that explains as well."""
-    if not columns[tests.columns[best]].option.shared:
-        return best
-    single = [tests.columns.index(k) for k in alike if not columns[k].option.shared]
-    return max(single, key=lambda place: tests.fall[place], default=best)
-
-
 def as_change(
-    columns: Sequence[Column],
-    tests: Tests,
-    column: int,
-    limit: float | None = None,
-    moved: float = 0.0,
+    columns: Sequence[Column], tests: Tests, column: int, limit: float | None, moved: float
 ) -> Change:
     """Return the change of a column with its simultaneous interval; `moved` of it was simulated."""
     place, own = tests.columns.index(column), columns[column].option
-    value = moved + float(tests.value[place])
+    effect, value = own.effect, moved + float(tests.value[place])
     half = tests.critical * float(tests.spread[place])
-    effect = own.effect
     return Change(
         effect.name,
         own.place,
@@ -150,7 +132,7 @@ def as_untold(columns: Sequence[Column], found: Changes) -> tuple[tuple[str, str
     return tuple((columns[k].label, text) for k, text in why.items())
 
 
-def as_alike(columns: Sequence[Column], alike: Sequence[int], most: int = 2) -> tuple[Alike, ...]:
-    """Return the effects of some columns, each once."""
+def as_alike(columns: Sequence[Column], alike: Sequence[int]) -> tuple[Alike, ...]:
+    """Return the first effects of some columns, each once."""
     found = dict.fromkeys(Alike(columns[k].option.name, columns[k].option.place) for k in alike)
-    return tuple(found)[:most]
+    return tuple(found)[:ALIKE]

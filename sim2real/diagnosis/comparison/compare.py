@@ -11,6 +11,7 @@ cannot follow cancels. Nothing is named that exchanging before and after makes a
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -25,12 +26,11 @@ from sim2real.diagnosis.comparison.changes import (
     as_untold,
     find_changes,
 )
-from sim2real.diagnosis.comparison.confounders import SUPPLY, Found, confounders
+from sim2real.diagnosis.comparison.confounders import SUPPLY, Confounded, confounders
 from sim2real.diagnosis.comparison.excused import excuse
 from sim2real.diagnosis.comparison.pieces import Pieces, contrasts
 from sim2real.diagnosis.comparison.prepared import Prepared, prepare
 from sim2real.diagnosis.comparison.response import Watch
-from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.report.text import format_place
 from sim2real.diagnosis.settings import DEFAULT, Settings
 from sim2real.runs.errors import Sim2RealError
@@ -68,13 +68,9 @@ def compare(
         Sim2RealError: there are no logs, they name different models, or an effect or limit is
             unknown.
     """
-    first, second = _read(before, "before"), _read(after, "after")
-    names = _names(watch, limits, settings)
-    _refuse_models(first, second, model)
-    known = [] if effects is None else load_effects(effects)
-    sides = range(len(first)), range(len(first), len(first) + len(second))
-    made = prepare([*first, *second], model, known, names, settings)
-    return _compared(made, *sides, limits or {}, remounted, seed, model)
+    sides = {"before": before, "after": after}
+    made, (first, second) = _prepared(sides, model, effects, watch, limits, settings)
+    return _compared(made, first, second, limits or {}, remounted, seed, model)
 
 
 def compare_fleet(
@@ -100,17 +96,9 @@ def compare_fleet(
             f"units: expected at least {UNITS_MIN} robots, got {len(units)}; with two robots, give "
             "before= and after="
         )
-    logs = {name: _read(own, f"units.{name}") for name, own in units.items()}
-    names = _names(watch, limits, settings)
-    every = list(logs.values())
-    for other in every[1:]:
-        _refuse_models(every[0], other, model)
-    known = [] if effects is None else load_effects(effects)
-    made = prepare([log for own in every for log in own], model, known, names, settings)
-    members: dict[str, list[int]] = {}
-    for name, own in logs.items():
-        start = sum(len(one) for one in members.values())
-        members[name] = list(range(start, start + len(own)))
+    sides = {f"units.{name}": own for name, own in units.items()}
+    made, parts = _prepared(sides, model, effects, watch, limits, settings)
+    members = dict(zip(units, parts, strict=True))
 
     def against(name: str, kept: Collection[str]) -> Comparison:
         others = [k for other in kept if other != name for k in members[other]]
@@ -118,6 +106,30 @@ def compare_fleet(
         return _compared(made, others, members[name], limits or {}, remounted, seed, model, tests)
 
     return Fleet(_told_apart(against, list(members)), _values(made.watch))
+
+
+def _prepared(
+    sides: Mapping[str, Logs],
+    model: str | Path | None,
+    effects: str | Path | None,
+    watch: Sequence[str] | None,
+    limits: Mapping[str, float] | None,
+    settings: Settings,
+) -> tuple[Prepared, list[range]]:
+    """Return the logs of all sides, replayed, and the numbers of each side's logs."""
+    for what, own in sides.items():
+        if isinstance(own, Sequence) and not own:
+            raise Sim2RealError(f"{what}: no logs; give {what}=PATH")
+    logs = {what: read_logs(own) for what, own in sides.items()}
+    names = _names(watch, limits, settings)
+    (what, first), *rest = logs.items()
+    for other, own in rest:
+        _refuse_models({what: first, other: own}, model)
+    known = [] if effects is None else load_effects(effects)
+    every = [log for own in logs.values() for log in own]
+    ends = np.cumsum([len(own) for own in logs.values()]).tolist()
+    parts = [range(a, b) for a, b in pairwise([0, *ends])]
+    return prepare(every, model, known, names, settings), parts
 
 
 def _told_apart(
@@ -159,15 +171,18 @@ def _compared(
 ) -> Comparison:
     """Compare two sides; `tests` of them share the probability of a false alarm."""
     data, columns = made.data, made.response.columns
-    settings = data.settings.compared
-    confounded = confounders(made, before, after, remounted)
-    known = [k for k, c in enumerate(columns) if c.option.name == SUPPLY and confounded.supply]
-
-    aside = [*confounded.excused, *known, *confounded.little]
+    settings = replace(data.settings.compared, alpha=data.settings.compared.alpha / tests)
+    beside = confounders(made, before, after, remounted)
     first = contrasts(made, made.error, before, after)
-    ends = _ends(confounded, aside, settings.little)
-    pieces, moved = excuse(first, made, (before, after), aside, ends, confounded.prior)
-    numbers = _numbers(data, first, pieces, settings.alpha / tests)
+    pieces, moved = excuse(first, made, (before, after), beside)
+    apart = zip(data.joints, first.before_rms, strict=True)
+    numbers = {
+        "pieces": len(pieces.curve),
+        "pieces_are_logs": pieces.logs,
+        "same_motions": pieces.after is None,
+        "apart": {joint.name: float(rms) for joint, rms in apart},
+        "alpha": settings.alpha,
+    }
     inputs = {
         "before": [str(data.logs[k].path or "a log") for k in before],
         "after": [str(data.logs[k].path or "a log") for k in after],
@@ -175,15 +190,13 @@ def _compared(
         "seed": seed,
         "remounted": remounted,
     }
-    reason = _untellable(pieces, confounded, len(columns), settings.blocks_min)
+    shared = _values(made.watch)
+    reason = _untellable(pieces, beside, len(columns), data.settings.compared.blocks_min)
     if reason is not None:
-        rest = (_values(made.watch), confounded.listed, (), numbers, inputs)
+        rest = (shared, beside.listed, (), numbers, inputs)
         return Comparison("cannot_tell", reason, (), (), (), *rest)
     rng = np.random.default_rng(seed)
-    shared = replace(settings, alpha=settings.alpha / tests)
-    asides = (confounded.excused, known, confounded.ruled_out)
-    prior = confounded.prior.after(moved)
-    found = find_changes(pieces, columns, *asides, confounded.least, rng, shared, prior)
+    found = find_changes(pieces, columns, beside, beside.prior.after(moved), rng, settings)
 
     def change(column: int) -> Change:
         limit = limits.get(columns[column].option.name)
@@ -193,8 +206,9 @@ def _compared(
         replace(change(one.column), p=one.p, alike=as_alike(columns, one.alike))
         for one in found.named
     ]
-    if confounded.supply is not None:
-        named.insert(0, _measured(confounded.supply, limits.get(SUPPLY)))
+    if (size := beside.supply) is not None:  # no statistics: the servos measured it
+        own = (SUPPLY, None, None, size, (size, size), "", 0.0)
+        named.insert(0, Change(*own, limit=limits.get(SUPPLY), source="measured"))
     watched = [change(column) for column in found.every.columns]
     passed = [c for c in named if c.limit is not None and abs(c.change) <= c.limit]
     changes = [c for c in named if c not in passed]
@@ -206,26 +220,15 @@ def _compared(
         tuple(changes),
         tuple(passed),
         tuple(watched),
-        _values(made.watch),
-        confounded.listed,
+        shared,
+        beside.listed,
         untold,
         numbers,
         inputs,
     )
 
 
-def _numbers(data: Data, first: Pieces, pieces: Pieces, alpha: float) -> dict[str, object]:
-    """Return what a comparison rests on; `first`: before anything was put down to others."""
-    return {
-        "pieces": len(pieces.curve),
-        "pieces_are_logs": pieces.logs,
-        "same_motions": pieces.after is None,
-        "apart": {j.name: float(v) for j, v in zip(data.joints, first.before_rms, strict=True)},
-        "alpha": alpha,
-    }
-
-
-def _untellable(pieces: Pieces, confounded: Found, columns: int, least: int) -> str | None:
+def _untellable(pieces: Pieces, beside: Confounded, columns: int, least: int) -> str | None:
     """Return why nobody can tell whether the robot changed; None: one can."""
     sides = [len(pieces.curve)] if pieces.after is None else np.bincount(pieces.after, minlength=2)
     if min(sides) < least:
@@ -233,7 +236,7 @@ def _untellable(pieces: Pieces, confounded: Found, columns: int, least: int) -> 
             f"{min(sides)} independent pieces are too few, at least {least} are needed: record "
             "longer, or more often"
         )
-    if len({*confounded.excused, *confounded.ruled_out}) == columns:
+    if len({*beside.excused, *beside.ruled_out}) == columns:
         return (
             "all that was watched is put down to temperature or mounting: log the temperature, "
             "give remounted=false, or watch more"
@@ -241,29 +244,17 @@ def _untellable(pieces: Pieces, confounded: Found, columns: int, least: int) -> 
     return None
 
 
-def _ends(confounded: Found, columns: Sequence[int], little: float) -> np.ndarray:
-    """Return the least and the largest change of columns that is put down to others, (2, n)."""
-    ends = np.tile([[-np.inf], [np.inf]], len(columns))
-    for place, k in enumerate(columns):
-        if k in confounded.little:
-            reach = little * confounded.prior.spread[k]
-            ends[:, place] = confounded.prior.mean[k] - reach, confounded.prior.mean[k] + reach
-    return ends
-
-
 def _verdict(
     changes: Sequence[Change], watched: Sequence[Change], shown: int, numbers: Mapping[str, object]
 ) -> tuple[Verdict, str]:
     """Return the verdict and why; `shown` of the watched changes the logs can show."""
     if changes:
-        names = ", ".join(f"{c.effect} at {format_place(c.effect, c.where)}" for c in changes)
-        return "changed", f"changed: {names}"
+        return "changed", f"changed: {_listed(changes)}"
     wide = [c for c in watched if c.limit is not None and max(abs(e) for e in c.interval) > c.limit]
     if wide:
-        names = ", ".join(f"{c.effect} at {format_place(c.effect, c.where)}" for c in wide)
         return "cannot_tell", (
-            f"nothing was seen to change, but the intervals of {names} reach beyond their limits: "
-            "record longer, or motions that move more"
+            f"nothing was seen to change, but the intervals of {_listed(wide)} reach beyond their "
+            "limits: record longer, or motions that move more"
         )
     if not shown:
         return "cannot_tell", (
@@ -277,23 +268,12 @@ def _verdict(
     )
 
 
-def _measured(change: float, limit: float | None) -> Change:
-    """Return the change of a supply whose voltage was measured."""
-    return Change(
-        SUPPLY, None, None, change, (change, change), "", 0.0, limit=limit, source="measured"
-    )
+def _listed(changes: Sequence[Change]) -> str:
+    return ", ".join(f"{c.effect} at {format_place(c.effect, c.where)}" for c in changes)
 
 
 def _values(watch: Watch) -> tuple[Value, ...]:
-    fixed = [(effect, effect.where, values) for effect, values in watch.fixed]
-    both = [*fixed, *((m.effect, m.place, values) for m, values in watch.pairs)]
-    return tuple(Value(e.name, w, e.side, float(values[0]), e.unit) for e, w, values in both)
-
-
-def _read(logs: Logs, what: str) -> list[Log]:
-    if isinstance(logs, Sequence) and not logs:
-        raise Sim2RealError(f"{what}: no logs; give {what}=PATH")
-    return read_logs(logs)
+    return tuple(Value(e.name, w, e.side, float(values[0]), e.unit) for e, w, values in watch.both)
 
 
 def _names(
@@ -315,21 +295,18 @@ def _names(
     return (*names, *(name for name in limits or {} if name not in names))
 
 
-def _refuse_models(before: Sequence[Log], after: Sequence[Log], model: str | Path | None) -> None:
-    """Raise Sim2RealError if the two sides name different models, or different joints."""
-    if model is None:
-        named = [
-            {str(log.model.resolve()) for log in side if log.model} for side in (before, after)
-        ]
-        if named[0] and named[1] and named[0].isdisjoint(named[1]):
-            raise Sim2RealError(
-                f"{before[0].path or 'before'} is of {sorted(named[0])[0]}, and "
-                f"{after[0].path or 'after'} of {sorted(named[1])[0]}: two models cannot be "
-                "compared; give model= if they are the same robot"
-            )
-    one, other = before[0].joints, after[0].joints
-    if set(one).isdisjoint(other):
+def _refuse_models(sides: Mapping[str, Sequence[Log]], model: str | Path | None) -> None:
+    """Raise Sim2RealError if two sides name different models, or different joints."""
+    names = [side[0].path or what for what, side in sides.items()]
+    named = [{str(log.model.resolve()) for log in side if log.model} for side in sides.values()]
+    if model is None and all(named) and named[0].isdisjoint(named[1]):
         raise Sim2RealError(
-            f"{before[0].path or 'before'} has the joints {', '.join(one)}, and "
-            f"{after[0].path or 'after'} {', '.join(other)}: these are different robots"
+            f"{names[0]} is of {min(named[0])}, and {names[1]} of {min(named[1])}: two models "
+            "cannot be compared; give model= if they are the same robot"
+        )
+    joints = [side[0].joints for side in sides.values()]
+    if set(joints[0]).isdisjoint(joints[1]):
+        raise Sim2RealError(
+            f"{names[0]} has the joints {', '.join(joints[0])}, and {names[1]} "
+            f"{', '.join(joints[1])}: these are different robots"
         )

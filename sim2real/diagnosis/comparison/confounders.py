@@ -14,33 +14,39 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim2real.diagnosis.comparison.alike import FIELDS
 from sim2real.diagnosis.comparison.answer import Confounder
 from sim2real.diagnosis.comparison.permuted import Prior
 from sim2real.diagnosis.comparison.prepared import Prepared
-from sim2real.diagnosis.comparison.response import Column
+from sim2real.diagnosis.comparison.response import FRICTION, Column
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.settings import TINY, Compared
+from sim2real.diagnosis.settings import TINY
 
 DRIVES = ("motor_strength", "position_gain")  # what a motor's copper and magnets are seen as
 MOUNTING, SUPPLY = "gravity_tilt", "supply_voltage"
 
 
-class Found(NamedTuple):
-    """The confounders, what is put down to them, and the supply's measured change."""
+class Confounded(NamedTuple):
+    """The confounders, and what they say of P columns and of the clocks of M joints."""
 
     listed: tuple[Confounder, ...]
-    excused: tuple[int, ...]  # columns
+    excused: tuple[int, ...]  # columns that temperature or mounting may have changed
     little: tuple[int, ...]  # columns that temperature may have changed a little
+    known: tuple[int, ...]  # columns that a sensor says have changed
     ruled_out: tuple[int, ...]  # columns that a sensor says are as before
     least: np.ndarray  # (P,) size of a change of each column below which it may be temperature
     prior: Prior  # (P + M,) of what temperature does, and of the joints' clocks
+    reach: np.ndarray  # (P,) from the prior's mean: how much is put down to a confounder at most
     supply: float | None  # relative change of the measured voltage; None: none, or not logged
+
+    @property
+    def aside(self) -> tuple[int, ...]:
+        """The columns that something else may have changed."""
+        return (*self.excused, *self.known, *self.little)
 
 
 def confounders(
     made: Prepared, before: Collection[int], after: Collection[int], remounted: bool
-) -> Found:
+) -> Confounded:
     """Look at temperature, supply and mounting.
 
     Args:
@@ -49,98 +55,82 @@ def confounders(
         after: those of the second.
         remounted: whether the robot may have been mounted anew in between.
     """
-    data, columns, friction = made.data, made.response.columns, made.friction
+    data, columns = made.data, made.response.columns
     limits = data.settings.compared
-    warm = _medians(data, "temperature", before, after)
-    volts = _medians(data, "voltage", before, after)
-    listed, excused = [], []
-    free, clocks = np.full(len(columns), np.inf), np.full(len(data.joints), limits.clock)
-    prior = Prior(np.zeros(len(free) + len(clocks)), np.concatenate([free, clocks]))
-    was, now = warm
-    known = None not in warm
-    warmer = limits.unknown_warmer if was is None or now is None else abs(now - was)
-    alike = known and warmer <= limits.same_temperature
-    thermal = [
-        k for k, c in enumerate(columns) if c.option.shared and c.option.name in limits.thermal
-    ]
-    rise = 0.0 if was is None or now is None else now - was
-    for k in thermal:
-        size = _per_kelvin(columns, k, friction, limits)
-        spread = max(warmer, limits.same_temperature) * size
-        prior.mean[k], prior.spread[k] = -rise * size, max(spread, TINY)
-    least = _least(columns, max(warmer, limits.same_temperature), friction, limits)
-    if alike:
-        text = "close enough: next to nothing is put down to it"
+
+    def named(*names: str) -> list[int]:
+        return [k for k, column in enumerate(columns) if column.option.name in names]
+
+    thermal, tilts, supplies = named(*limits.thermal), named(MOUNTING), named(SUPPLY)
+    common = [k for k in thermal if columns[k].option.shared]
+    excused, little, known, same = [], [], [], []
+    was, now = _medians(data, "temperature", before, after)
+    rise = None if was is None or now is None else now - was
+    warmer = max(limits.unknown_warmer if rise is None else abs(rise), limits.same_temperature)
+    if warmer == limits.same_temperature and rise is not None:
+        little = common
+        warm = "close enough: next to nothing is put down to it"
     else:
-        excused += thermal
-        text = (
-            "differ: what all joints have in common is put down to temperature"
-            if known
-            else "log temperature.<actuator>: what all joints have in common may be temperature"
+        excused += common or thermal
+        warm = (
+            "log temperature.<actuator>: what all joints have in common may be temperature"
+            if rise is None
+            else "differ: what all joints have in common is put down to temperature"
         )
-        if not excused:
-            text += "; this robot has one joint, so friction and strength may be temperature"
-            excused += [k for k, c in enumerate(columns) if c.option.name in limits.thermal]
-    listed.append(Confounder("temperature", *warm, "°C", text))
-    change, same = None, []
-    low, high = volts
+        if not common:
+            warm += "; this robot has one joint, so friction and strength may be temperature"
+    supply, (low, high) = None, _medians(data, "voltage", before, after)
     if low is None or high is None:
-        text = "log voltage.<actuator>: a weaker supply shows in the motion alone"
+        volts = "log voltage.<actuator>: a weaker supply shows in the motion alone"
     elif abs(high / low - 1) >= limits.same_voltage:
-        change = high / low - 1
-        text = "another supply, as the servos measured it"
+        supply, known = high / low - 1, supplies
+        volts = "another supply, as the servos measured it"
     else:
-        text = "the same supply"
-        same = [k for k, c in enumerate(columns) if c.option.name == SUPPLY]
-    listed.append(Confounder("supply voltage", *volts, "V", text))
-    tilts = [k for k, c in enumerate(columns) if c.option.name == MOUNTING]
+        same = supplies
+        volts = "the same supply"
     if tilts and remounted:
         excused += tilts
-        text = "may be another (remounted=false if not): a small tilt is put down to it"
+        stands = "may be another (remounted=false if not): a small tilt is put down to it"
     else:
-        text = "is the same" if tilts else "cannot show: gravity does not act on what moves"
-    listed.append(Confounder("mounting", None, None, "", text))
-    little = tuple(thermal) if alike else ()
-    return Found(tuple(listed), tuple(excused), little, tuple(same), least, prior, change)
+        stands = "is the same" if tilts else "cannot show: gravity does not act on what moves"
+    listed = (
+        Confounder("temperature", was, now, "°C", warm),
+        Confounder("supply voltage", low, high, "V", volts),
+        Confounder("mounting", None, None, "", stands),
+    )
+    own = _sizes(columns, made.friction)
+    count, clocks = len(columns), np.full(len(data.joints), limits.clock)
+    prior = Prior(np.zeros(count + len(clocks)), np.append(np.full(count, np.inf), clocks))
+    for k in common:
+        friction = columns[k].option.name in FRICTION
+        size = own[k] * (limits.warm_friction if friction else limits.warm_strength)
+        prior.mean[k], prior.spread[k] = -(rise or 0.0) * size, max(warmer * size, TINY)
+    reach = np.full(count, np.inf)
+    reach[little] = limits.little * prior.spread[little]
+    least = limits.unequal * warmer * own
+    columns_of = (tuple(excused), tuple(little), tuple(known), tuple(same))
+    return Confounded(listed, *columns_of, least, prior, reach, supply)
 
 
-def _least(
-    columns: Sequence[Column], warmer: float, friction: Mapping[int, float], limits: Compared
-) -> np.ndarray:
-    """Return the size below which a change of each column may be temperature, (P,).
+def _sizes(columns: Sequence[Column], friction: Mapping[int, float]) -> np.ndarray:
+    """Return how much temperature acts on in each column: its joint's friction, 1 of a drive, (P,).
 
     What of a joint's friction is dry and what is viscous, few motions tell: a share of both may
     show as either, as if they were equal at 1 rad/s (or 1 m/s).
     """
-    least = np.zeros(len(columns))
     whole: dict[str | None, float] = {}
     for k, size in friction.items():
         place = columns[k].option.place
         whole[place] = whole.get(place, 0.0) + size
-    mean = float(np.mean(list(whole.values()))) if whole else 0.0
-    for k, column in enumerate(columns):
-        if column.option.name in FIELDS:
-            own = mean if column.option.shared else whole.get(column.option.place, 0.0)
-            least[k] = limits.unequal * warmer * own
-        elif column.option.name in DRIVES:
-            least[k] = limits.unequal * warmer
-    return least
-
-
-def _per_kelvin(
-    columns: Sequence[Column], column: int, friction: Mapping[int, float], limits: Compared
-) -> float:
-    """Return how much of what all joints share goes with a kelvin, in the column's unit.
-
-    What of the friction is dry and what is viscous, few motions tell: either may lose a share of
-    both, as if they were equal at 1 rad/s (or 1 m/s).
-    """
-    if columns[column].option.name not in FIELDS:
-        return limits.warm_strength
-    every = [
-        [size for k, size in friction.items() if columns[k].option.name == name] for name in FIELDS
-    ]
-    return limits.warm_friction * sum(float(np.mean(own)) for own in every if own)
+    whole[None] = float(np.mean(list(whole.values()))) if whole else 0.0  # shared by all joints
+    names = [column.option.name for column in columns]
+    places = [column.option.place for column in columns]
+    return np.array(
+        [
+            whole.get(place, 0.0) if name in FRICTION else float(name in DRIVES)
+            for name, place in zip(names, places, strict=True)
+        ]
+    )
 
 
 def _medians(

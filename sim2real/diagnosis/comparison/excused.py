@@ -1,6 +1,6 @@
 """What is put down to temperature, mounting and supply, simulated rather than drawn as a line.
 
-    left = excuse(pieces, made, (before, after), columns, ends, prior)
+    left = excuse(pieces, made, (before, after), confounders(made, before, after, remounted))
     left.pieces, left.moved
 
 A tenth less friction in all joints moves a robot by more than a few per cent of it in one, and its
@@ -13,11 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sim2real.diagnosis.comparison.confounders import Confounded
 from sim2real.diagnosis.comparison.permuted import RIDGE, Prior
 from sim2real.diagnosis.comparison.pieces import Pieces, contrasts
 from sim2real.diagnosis.comparison.prepared import Prepared
 from sim2real.diagnosis.comparison.response import Response, Watch, errors
-from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.settings import TINY_SQUARE
 
 WORSE = 0.1  # of the squares: clocks take some of what a change mends, and are not in them
@@ -31,12 +32,7 @@ class Excused(NamedTuple):
 
 
 def excuse(
-    first: Pieces,
-    made: Prepared,
-    sides: tuple[Collection[int], Collection[int]],
-    columns: Sequence[int],
-    ends: np.ndarray,
-    prior: Prior,
+    first: Pieces, made: Prepared, sides: tuple[Collection[int], Collection[int]], found: Confounded
 ) -> Excused:
     """Return what is left once the side after is simulated with what is put down to other things.
 
@@ -44,11 +40,9 @@ def excuse(
         first: the pieces of the errors as they are.
         made: the replayed logs.
         sides: the logs before and those after.
-        columns: those that something else may have changed, n of them.
-        ends: the least and the largest change of each, (2, n).
-        prior: what is known of all columns and of the clocks.
+        found: the columns that something else may have changed, and what is known of them.
     """
-    simulator, response = made.simulator, made.response
+    columns, response, prior = list(found.aside), made.response, found.prior
     later = np.array([i for i, w in enumerate(made.data.windows) if w.log in sides[1]], int)
     best, moved = first, dict.fromkeys(columns, 0.0)
     if not columns:
@@ -57,15 +51,16 @@ def excuse(
     typical = [float(response.columns[k].option.step[response.columns[k].place]) for k in columns]
     spread = prior.spread[use]
     spread[: len(columns)] = np.minimum(spread[: len(columns)], typical)
-    for _ in range(simulator.data.settings.compared.excused_rounds):
+    middle, reach = prior.mean[columns], found.reach[columns]
+    for _ in range(made.data.settings.compared.excused_rounds):
         left = Prior(prior.after(moved).mean[use], spread)
         more = _fitted(best, use, left)[: len(columns)]
-        whole = np.clip(np.array(list(moved.values())) + more, *ends)
+        whole = np.clip(list(moved.values()) + more, middle - reach, middle + reach)
         tried = dict(zip(columns, whole.tolist(), strict=True))
         shifted = made.error.copy()
-        shifted[later] = errors(simulator, _with(made.watch, response, tried), later)
+        shifted[later] = errors(made.simulator, _with(made.watch, response, tried), later)
         pieces = contrasts(made, shifted, *sides)
-        if _left(pieces, simulator) > (1 + WORSE) * _left(best, simulator):
+        if _left(pieces, made.data) > (1 + WORSE) * _left(best, made.data):
             break
         best, moved = pieces, tried
     return Excused(best, moved)
@@ -79,18 +74,15 @@ def _fitted(pieces: Pieces, columns: Sequence[int], prior: Prior) -> np.ndarray:
     """
     use = np.array(columns)
     curve, down = pieces.curve[:, use[:, None], use], pieces.down[:, use]
-    known = np.diag(prior.spread**-2.0)
-    if pieces.after is None:
-        free = np.linalg.solve(_firm(curve.sum(axis=0)), down.sum(axis=0))
-        noise = _scatter(curve, down, free)
-        right = down.sum(axis=0) + noise * known @ prior.mean
-        return np.linalg.solve(curve.sum(axis=0) + noise * known, right)
-    own, whole = curve[pieces.after].sum(axis=0), _firm(curve.sum(axis=0))
-    shared = np.linalg.solve(whole, down.sum(axis=0))
-    noise = _scatter(curve, down, shared)
-    matrix = np.block([[whole, own], [own, _firm(own) + noise * known]])  # of both, of the change
-    mine = down[pieces.after].sum(axis=0) + noise * known @ prior.mean
-    return np.linalg.solve(matrix, np.concatenate([down.sum(axis=0), mine]))[len(use) :]
+    exact, slope = curve.sum(axis=0), down.sum(axis=0)
+    whole = _firm(exact)
+    free = np.linalg.solve(whole, slope)
+    if pieces.after is not None:  # what both sides have is free, too
+        own = curve[pieces.after].sum(axis=0)
+        exact = _firm(own) - own @ np.linalg.solve(whole, own)
+        slope = down[pieces.after].sum(axis=0) - own @ free
+    known = _scatter(curve, down, free) * np.diag(prior.spread**-2.0)
+    return np.linalg.solve(exact + known, slope + known @ prior.mean)
 
 
 def _firm(matrix: np.ndarray) -> np.ndarray:
@@ -113,5 +105,5 @@ def _with(watch: Watch, response: Response, changes: dict[int, float]) -> Watch:
     return watch
 
 
-def _left(pieces: Pieces, simulator: Simulator) -> float:
-    return float(np.sum((pieces.before_rms / simulator.data.scale) ** 2))
+def _left(pieces: Pieces, data: Data) -> float:
+    return float(np.sum((pieces.before_rms / data.scale) ** 2))

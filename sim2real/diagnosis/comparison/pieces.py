@@ -9,7 +9,7 @@ the other one. Elsewhere a piece is a stretch of one log's error, and under the 
 sides can be exchanged. With enough logs, a piece is a whole log or pair of logs.
 """
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from sim2real.diagnosis.comparison.motions import Motions
 from sim2real.diagnosis.comparison.prepared import Prepared
 from sim2real.diagnosis.comparison.response import Response
 from sim2real.diagnosis.data.score import coherence
-from sim2real.diagnosis.settings import TINY, TINY_SQUARE
+from sim2real.diagnosis.settings import TINY
 
 
 class Pieces(NamedTuple):
@@ -48,17 +48,16 @@ class Pieces(NamedTuple):
 
 
 class _Stretch(NamedTuple):
-    """One window's numbers: what is off, and its columns."""
+    """The rows of one window that are in one block: what is off, and its columns."""
 
-    wrong: np.ndarray  # (T, M)
-    columns: np.ndarray  # (K, T, M)
-    mask: np.ndarray  # (T,)
-    group: tuple[int, ...]  # the pair or log that it is of
-    part: np.ndarray  # (T,) block of each row
+    wrong: np.ndarray  # (t, M)
+    columns: np.ndarray  # (K, t, M)
+    logs: tuple[int, ...]  # the pair or log that it is of
+    block: int
     after: bool
 
 
-Pair = tuple[tuple[int, ...], tuple[int, ...]]
+Pair = tuple[tuple[int, ...], tuple[int, ...]]  # logs before and after
 
 
 def pairs_of(motions: Motions, before: Collection[int], after: Collection[int]) -> list[Pair]:
@@ -90,48 +89,35 @@ def contrasts(
         after: those of the second.
     """
     pairs = pairs_of(made.motions, before, after)
-    parts = made.data.blocks(coherence(made.data, error))
-    if pairs:
-        stretches = list(_differences(made, error, parts, pairs))
-    else:
-        stretches = list(_errors(made, error, parts, before, after))
+    alone = [((), (k,)) for group in made.motions for k in group if k in {*before, *after}]
+    stretches = list(_stretches(made, error, pairs or alone, after))
     limits = made.data.settings.compared
-    groups = {side: {s.group for s in stretches if s.after == side} for side in (False, True)}
-    sizes = [len(g) for g in groups.values() if g]
-    logs = min(sizes) >= limits.logs_min
-    return _summed(stretches, logs, bool(pairs), limits.weight_floor, made.data.scale)
+    sides = [[one.logs for one in stretches if one.after == side] for side in (False, True)]
+    logs = min(len(set(side)) for side in sides if side) >= limits.logs_min
+    keys = [one.logs if logs else (*one.logs, one.block) for one in stretches]
+    pieces = _summed(stretches, keys, limits.weight_floor, made.data.scale)
+    return pieces._replace(logs=logs, after=None if pairs else pieces.after)
 
 
-def _differences(
-    made: Prepared, error: np.ndarray, parts: np.ndarray, pairs: list[Pair]
+def _stretches(
+    made: Prepared, error: np.ndarray, pairs: Sequence[Pair], after: Collection[int]
 ) -> Iterator[_Stretch]:
-    """Yield the differences of the errors of the second and the first logs of each pair."""
+    """Yield the errors of the second logs of each pair, less those of the first ones if any."""
+    blocks = made.data.blocks(coherence(made.data, error))
     of = {(made.data.windows[i].log, int(b)): i for i, b in enumerate(made.partner)}
     for first, second in pairs:
         for place, own in enumerate(made.windows.tolist()):
-            if all((k, own) in of for k in (*first, *second)):
-                ones, others = ([of[k, own] for k in side] for side in (first, second))
-                wrong = error[others].mean(axis=0) - error[ones].mean(axis=0)
-                mask = np.all(made.data.mask[[*ones, *others]], axis=0)
-                columns = _columns(made.response, place)
-                yield _Stretch(wrong, columns, mask, (*first, *second), parts[own], False)
-
-
-def _errors(
-    made: Prepared,
-    error: np.ndarray,
-    parts: np.ndarray,
-    before: Collection[int],
-    after: Collection[int],
-) -> Iterator[_Stretch]:
-    """Yield the errors of both sides."""
-    place = {int(window): k for k, window in enumerate(made.windows)}
-    for i, window in enumerate(made.data.windows):
-        own = int(made.partner[i])
-        if window.log in {*before, *after} and own in place:
-            columns, later = _columns(made.response, place[own]), window.log in after
-            mask = made.data.mask[i]
-            yield _Stretch(error[i], columns, mask, (window.log,), parts[i], later)
+            if not all((k, own) in of for k in (*first, *second)):
+                continue
+            ones, others = ([of[k, own] for k in side] for side in (first, second))
+            wrong = error[others].mean(axis=0) - (error[ones].mean(axis=0) if first else 0.0)
+            columns = _columns(made.response, place)
+            row = blocks[own if first else others[0]]
+            used = np.all(made.data.mask[[*ones, *others]], axis=0) & (row >= 0)
+            for block in np.unique(row[used]).tolist():
+                mine = used & (row == block)
+                later = not first and second[0] in after
+                yield _Stretch(wrong[mine], columns[:, mine], (*first, *second), block, later)
 
 
 def _columns(response: Response, window: int) -> np.ndarray:
@@ -146,41 +132,28 @@ def _columns(response: Response, window: int) -> np.ndarray:
 
 
 def _summed(
-    stretches: list[_Stretch], logs: bool, paired: bool, floor: float, scale: np.ndarray
+    stretches: Sequence[_Stretch], keys: Sequence[tuple[int, ...]], floor: float, scale: np.ndarray
 ) -> Pieces:
     """Return the sums over each piece, each weighted by its own noise.
 
     The noise of a piece is that of what is off in it, never less than `floor` of the median: a
     joint that sticks for a while, or an arm that swings freely, must not drown the rest.
     """
-    numbers: dict[tuple[int, ...], int] = {}
-    rows: list[np.ndarray] = []
-    for one in stretches:
-        keys = [one.group if logs else (*one.group, int(p)) for p in one.part]
-        rows.append(np.array([numbers.setdefault(key, len(numbers)) for key in keys]))
-    count, joints = len(numbers), len(scale)
-    square, size = np.zeros((count, joints)), np.zeros(count)
-    for one, row in zip(stretches, rows, strict=True):
-        used = one.mask & (one.part >= 0)
-        np.add.at(square, row[used], one.wrong[used] ** 2)
-        np.add.at(size, row[used], 1)
-    kept = size > 0
-    noise = np.sqrt(square / np.maximum(size, 1)[:, None])
-    noise = np.maximum(noise, floor * np.median(noise[kept], axis=0))
-    weight = 1 / np.maximum(noise, TINY)
-    width = stretches[0].columns.shape[0]
+    numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
+    count, (width, _, joints) = len(numbers), stretches[0].columns.shape
+    square, size, after = np.zeros((count, joints)), np.zeros(count), np.zeros(count, bool)
+    for one, key in zip(stretches, keys, strict=True):
+        square[numbers[key]] += (one.wrong**2).sum(axis=0)
+        size[numbers[key]] += len(one.wrong)
+        after[numbers[key]] = one.after
+    noise = np.sqrt(square / size[:, None])
+    weight = 1 / np.maximum(np.maximum(noise, floor * np.median(noise, axis=0)), TINY)
     curve, down = np.zeros((count, width, width)), np.zeros((count, width))
-    after = np.zeros(count, bool)
-    for one, row in zip(stretches, rows, strict=True):
-        used = one.mask & (one.part >= 0)
-        for piece in np.unique(row[used]):
-            mine = used & (row == piece)
-            x = (one.columns[:, mine] * weight[piece]).reshape(width, -1)
-            y = (one.wrong[mine] * weight[piece]).reshape(-1)
-            curve[piece] += x @ x.T
-            down[piece] -= x @ y
-            after[piece] = one.after
-    total = max(float(size.sum()), TINY_SQUARE)
-    rms = np.sqrt(square.sum(axis=0) / total) * scale
-    sides = None if paired else after[kept]
-    return Pieces(curve[kept], down[kept], sides, int(total) * joints, logs, rms)
+    for one, key in zip(stretches, keys, strict=True):
+        piece = numbers[key]
+        x = (one.columns * weight[piece]).reshape(width, -1)
+        y = (one.wrong * weight[piece]).reshape(-1)
+        curve[piece] += x @ x.T
+        down[piece] -= x @ y
+    rms = np.sqrt(square.sum(axis=0) / size.sum()) * scale
+    return Pieces(curve, down, after, int(size.sum()) * joints, False, rms)

@@ -52,6 +52,6 @@ def prepare(
         watch = share(simulator, watch, windows)
     response = respond(simulator, watch, windows)
     rubs = friction(data, watch, response)
-    response = in_proportion(data, watch, response)
+    response = in_proportion(response, rubs)
     error = errors(simulator, watch, np.arange(len(data.windows)))
     return Prepared(data, simulator, partner, windows, motions, watch, response, error, rubs)

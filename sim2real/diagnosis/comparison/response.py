@@ -2,18 +2,18 @@
 
 watch = watched(data, known, ("coulomb_friction", "backlash"))
 response = respond(Simulator(data, watch.fixed), watch, windows)
-response.error, response.change                     # (W, T, M), (P, n, T, M)
+response.error, response.change                     # (n, T, M), (P, n, T, M)
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
+from envs.effects import Effect
 from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
@@ -27,49 +27,48 @@ from sim2real.diagnosis.inference.candidates import (
 )
 
 VECTORS = ("gravity_tilt",)  # effects whose values are all one thing
+FRICTION = {"coulomb_friction": "dof_frictionloss", "viscous_friction": "dof_damping"}  # its fields
 
 
-@dataclass(frozen=True)
-class Watch:
-    """What may change, and what both sides have.
+class Watch(NamedTuple):
+    """What may change, and what both sides have."""
 
-    Attributes:
-        options: the effects that may change.
-        shared: effects that both sides have and a candidate cannot be put on top of.
-        values: of `shared`, (P,).
-        fixed: effects that are part of the model.
-    """
-
-    options: tuple[Candidate, ...]
-    shared: tuple[Candidate, ...]
-    values: np.ndarray
-    fixed: tuple[Fixed, ...]
-
-    @property
-    def pairs(self) -> list[tuple[Candidate, np.ndarray]]:
-        """The shared effects, each with its values."""
-        ends = np.cumsum([len(member.neutral) for member in self.shared], dtype=int)
-        return list(zip(self.shared, np.split(self.values, ends)[:-1], strict=True))
+    options: tuple[Candidate, ...]  # effects that may change
+    shared: Mapping[str, tuple[Candidate, np.ndarray]]  # of both sides, with its values, by label
+    fixed: tuple[Fixed, ...]  # effects of both sides that are part of the model
 
     def having(self, option: Candidate, values: np.ndarray) -> Watch:
-        """Return the watch with a shared effect more, or with other values of the shared ones."""
-        known = {member.label for member in self.shared}
-        more = () if option.label in known else (option,)
-        return Watch(self.options, (*self.shared, *more), values, self.fixed)
+        """Return the watch with a shared effect more, or with other values of it."""
+        return self._replace(shared={**self.shared, option.label: (option, values)})
 
     def moved(self, column: Column, change: float) -> Watch:
         """Return the watch with a number of an effect changed, within its range."""
-        option, place, start = column.option, column.place, 0
-        for member in self.shared:
-            if member.label == option.label:
-                values = self.values.copy()
-                break
-            start += len(member.neutral)
-        else:
-            values = np.concatenate([self.values, option.neutral])
-        wanted = values[start + place] + change
-        values[start + place] = np.clip(wanted, option.low[place], option.high[place])
+        option, place = column.option, column.place
+        values = self.shared.get(option.label, (option, option.neutral))[1].copy()
+        values[place] = np.clip(values[place] + change, option.low[place], option.high[place])
         return self.having(option, values)
+
+    @property
+    def both(self) -> list[tuple[Effect, str | None, np.ndarray | Sequence[float]]]:
+        """What both sides have in addition to the model's: effects, places and values."""
+        fixed = [(effect, effect.where, values) for effect, values in self.fixed]
+        return [*fixed, *((own.effect, own.place, values) for own, values in self.shared.values())]
+
+    @property
+    def values(self) -> np.ndarray:
+        """Those of the shared effects, one after the other, (P,)."""
+        return np.concatenate([np.zeros(0), *(values for _, values in self.shared.values())])
+
+    def at(self, values: np.ndarray) -> Watch:
+        """Return the watch with other values of all shared effects, (P,)."""
+        ends = np.cumsum([len(own) for _, own in self.shared.values()], dtype=int)
+        moved = zip(self.shared.items(), np.split(values, ends)[:-1], strict=True)
+        return self._replace(shared={label: (option, own) for (label, (option, _)), own in moved})
+
+    def rows(self, windows: np.ndarray) -> Rows:
+        """Return windows (n,) to be simulated with what both sides have."""
+        members = tuple(option for option, _ in self.shared.values())
+        return Rows(members, windows, np.tile(self.values, (len(windows), 1)))
 
 
 class Column(NamedTuple):
@@ -98,8 +97,19 @@ class Response(NamedTuple):
     change: np.ndarray  # (P, n, T, M) per unit of the column
     parts: Mapping[int, Parts] = MappingProxyType({})  # of columns that are made of others
 
+    def values(self, columns: Sequence[int]) -> np.ndarray:
+        """Return the changes of columns, (k,), whose straight lines together leave least."""
+        lines = self.change[columns].reshape(len(columns), self.error.size)
+        found, *_ = np.linalg.lstsq(lines.T, -self.error.reshape(-1), rcond=None)
+        return found
+
 
 Parts = tuple[tuple[int, float], ...]  # each column, and how much of it
+
+
+def is_friction(option: Candidate) -> bool:
+    """Return whether an effect is the friction of a single joint."""
+    return option.name in FRICTION and not option.shared
 
 
 def watched(data: Data, known: Sequence[Fixed], names: Sequence[str]) -> Watch:
@@ -107,67 +117,59 @@ def watched(data: Data, known: Sequence[Fixed], names: Sequence[str]) -> Watch:
     every = candidates(data)
     kept: dict[tuple[str, str | None], Candidate] = {}
     for option in every:
-        if option.name in names:
+        if option.name in names and not (option.shared and len(data.joints) == 1):
             kept.setdefault((option.name, option.effect.where), option)
-    found = [(one, None if one[0].composes else _option(every, one)) for one in known]
-    stays = [one for one, option in found if option is None]
-    moved = [one for one, option in found if option is not None]
-    shared = tuple(option for _, option in found if option is not None)
-    for option in shared:
-        if (option.name, option.effect.where) in kept:
-            kept[option.name, option.effect.where] = option
-    values = np.array([value for _, own in moved for value in own], float)
-    alone = len(data.joints) == 1
-    options = [o for o in kept.values() if not (alone and o.shared)]
-    return Watch(tuple(options), shared, values, tuple(stays))
+    watch = Watch((), {}, ())
+    for effect, values in known:
+        option = None if effect.composes else _option(every, (effect, values))
+        if option is None:
+            watch = watch._replace(fixed=(*watch.fixed, (effect, values)))
+        else:
+            watch = watch.having(option, np.array(values, float))
+            if (effect.name, effect.where) in kept:
+                kept[effect.name, effect.where] = option
+    return watch._replace(options=tuple(kept.values()))
+
+
+def _option(every: Sequence[Candidate], known: Fixed) -> Candidate | None:
+    """Return the candidate that is a known effect, whose values can be changed."""
+    effect, values = known
+    wanted = (effect.name, effect.where, effect.side, len(values))
+    return next(
+        (o for o in every if (o.name, o.effect.where, o.effect.side, len(o.neutral)) == wanted),
+        None,
+    )
 
 
 def errors(simulator: Simulator, watch: Watch, windows: np.ndarray) -> np.ndarray:
     """Return the errors of windows (n,) with what both sides have, (n, T, M)."""
-    return simulate_each(simulator, [_rows(watch.shared, windows, watch.values)])[0].error
+    return simulate_each(simulator, [watch.rows(windows)])[0].error
 
 
-def _rows(members: Sequence[Candidate], windows: np.ndarray, point: np.ndarray) -> Rows:
-    return Rows(tuple(members), windows, np.tile(point, (len(windows), 1)))
-
-
-def respond(
-    simulator: Simulator,
-    watch: Watch,
-    windows: np.ndarray,
-    wanted: Callable[[Candidate], bool] = lambda option: True,
-) -> Response:
+def respond(simulator: Simulator, watch: Watch, windows: np.ndarray) -> Response:
     """Simulate windows with what both sides have, and with each effect a little larger.
 
     Args:
         simulator: of the data, with what is fixed.
-        watch: what may change.
+        watch: what may change, and what both sides have.
         windows: those to look at, (n,).
-        wanted: which of the effects that may change are looked at; those of both sides always are.
     """
-    shared, small = watch.shared, simulator.data.settings.compared.step
-    known = {member.label for member in shared}
+    shared = [option.effect for option, _ in watch.shared.values()]
     probes = [
         probe
         for option in watch.options
-        if option.label not in known and wanted(option)
-        if not any(in_the_way(one.effect, option.effect) for one in shared)
-        for probe in _probes(option, small)
+        if option.label not in watch.shared
+        if not any(in_the_way(one, option.effect) for one in shared)
+        for probe in _probes(option, simulator.data.settings.compared.step)
     ]
-    sets = [_rows(shared, windows, watch.values)]
-    for probe in probes:
-        point = np.concatenate([watch.values, probe.point])
-        sets.append(_rows((*shared, probe.column.option), windows, point))
-    start = 0
-    for member, value in watch.pairs:
-        steps = get_nudges((member,), value)
-        for place in range(_count(member)):
-            point = watch.values.copy()
-            point[start + place] += steps[place]
-            sets.append(_rows(shared, windows, point))
-            probes.append(_Probe(Column(member, place), point, float(steps[place])))
-        start += len(value)
-    base, *moved = simulate_each(simulator, sets)
+    for option, values in watch.shared.values():
+        steps = get_nudges((option,), values)
+        probes += [
+            _Probe(Column(option, place), values + moved, float(steps[place]))
+            for place, moved in enumerate(np.diag(steps)[: _count(option)])
+        ]
+    sets = [watch, *(watch.having(probe.column.option, probe.point) for probe in probes)]
+    base, *moved = simulate_each(simulator, [one.rows(windows) for one in sets])
     change = [
         (one.error - base.error) / probe.step for one, probe in zip(moved, probes, strict=True)
     ]
@@ -184,7 +186,7 @@ class _Probe(NamedTuple):
     """A number that is moved: its effect's values, and by how much it moved."""
 
     column: Column
-    point: np.ndarray  # (P,)
+    point: np.ndarray
     step: float
 
 
@@ -206,17 +208,3 @@ def _probes(option: Candidate, small: float) -> list[_Probe]:
         point[place] = option.neutral[place] + step
         found.append(_Probe(Column(option, place), point, step))
     return found
-
-
-def _option(every: Sequence[Candidate], known: Fixed) -> Candidate | None:
-    effect = known[0]
-    return next(
-        (
-            option
-            for option in every
-            if (option.name, option.effect.where, option.effect.side)
-            == (effect.name, effect.where, effect.side)
-            and len(option.neutral) == len(known[1])
-        ),
-        None,
-    )

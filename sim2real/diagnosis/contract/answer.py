@@ -4,21 +4,17 @@ answer = check_contract(logs, about, actor)
 answer.verdict, [(f.fault, f.where, f.fix) for f in answer.findings], answer.cannot_tell
 """
 
+from __future__ import annotations
+
 import json
-import math
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from sim2real.diagnosis.contract.decode import Decoded
-from sim2real.diagnosis.contract.ways import Change
-from sim2real.diagnosis.settings import Contract
 from sim2real.runs.files import write_text
 
 SCHEMA = 1
 Verdict = Literal["holds", "broken", "cannot_tell"]
-SAME_VALUE = 0.05  # two fitted values that differ by less are reported as one
 EXIT = {"holds": 0, "broken": 3, "cannot_tell": 4}
 
 
@@ -97,90 +93,20 @@ class Answer:
         return write_text(path, json.dumps(facts, indent=1, ensure_ascii=False) + "\n")
 
 
-def answer_of(
-    findings: Sequence[Finding],
-    cannot_tell: Sequence[Open],
-    checked: dict[str, float],
-    inputs: dict[str, Any],
-) -> Answer:
-    """Put an answer together."""
-    verdict: Verdict = "broken" if findings else "holds" if checked else "cannot_tell"
-    unique = tuple(dict.fromkeys(cannot_tell))
-    return Answer(verdict, tuple(findings), unique, checked, inputs)
+@dataclass
+class Stage:
+    """What one stage showed."""
 
+    findings: list[Finding] = field(default_factory=list)
+    cannot_tell: list[Open] = field(default_factory=list)
+    checked: dict[str, float] = field(default_factory=dict)
 
-def findings_of(
-    stage: str, name: str, found: Decoded, elements: Sequence[str], limits: Contract
-) -> list[Finding]:
-    """Return the findings of one decoded place.
+    def open(self, where: str, text: str) -> None:
+        """Add what the log cannot tell."""
+        self.cannot_tell.append(Open(where, text))
 
-    Args:
-        stage: as of `Finding`.
-        name: of the term.
-        found: what was decoded.
-        elements: all of its elements.
-        limits: when an unexplained misfit is worth a finding.
-    """
-    made = []
-    for change in found.changes:
-        rivals = _rivals(change, found, name, elements, limits.set_max)
-        where = _where(name, change, elements)
-        size = found.before, found.after, found.sure
-        made.append(
-            Finding(
-                stage, change.fault, where, change.text, change.fix, *size, change.value, rivals
-            )
-        )
-    if found.left > limits.unexplained:
-        text = (
-            f"{name} differs from what the description makes of the log by {found.left:.0%} of its "
-            "spread, and no fault that is looked for explains it"
-        )
-        fix = "compare the code that fills it with the training's, or correct the description"
-        made.append(Finding(stage, "unexplained", name, text, fix, found.before, found.left))
-    return made
-
-
-def open_of(name: str, found: Decoded) -> list[Open]:
-    """Return what the log cannot tell of one place."""
-    made = []
-    if found.static:
-        text = "did not move: order, sign, scale and age are unknown"
-        made.append(Open(f"{name}: {', '.join(found.static)}", text))
-    if found.unseen:
-        made.append(Open(f"{name}: {', '.join(found.unseen)}", "too few rows to compare"))
-    for group in found.exchangeable:
-        text = "moved alike: their order is unknown"
-        made.append(Open(f"{name}: {', '.join(group)}", text))
-    if found.age_open:
-        made.append(Open(name, "changes too slowly for its age to be known to a step"))
-    return made
-
-
-def _where(name: str, change: Change, elements: Sequence[str]) -> str:
-    every = tuple(change.elements) == tuple(elements)
-    return name if every else f"{name}: {', '.join(change.elements)}"
-
-
-def _rivals(
-    change: Change, found: Decoded, name: str, elements: Sequence[str], most: int
-) -> tuple[Rival, ...]:
-    """Return what stands in other ways in the place of a change, up to `most` with it."""
-    rivals = []
-    for other in found.others:
-        if any(_same(change, o) for o in other):
-            continue
-        rivals += [
-            Rival(o.fault, _where(name, o, elements), o.text)
-            for o in other
-            if not any(_same(o, own) for own in found.changes)
-        ]
-    return tuple(dict.fromkeys(rivals))[: most - 1]
-
-
-def _same(one: Change, other: Change) -> bool:
-    """Return whether two changes are the same, with slightly different values."""
-    if one == other or one.value is None or other.value is None:
-        return one == other
-    alike = one.fault == other.fault and one.elements == other.elements
-    return alike and math.isclose(one.value, other.value, rel_tol=SAME_VALUE)
+    def add(self, other: Stage) -> None:
+        """Add what another one showed."""
+        self.findings += other.findings
+        self.cannot_tell += other.cannot_tell
+        self.checked |= other.checked

@@ -9,13 +9,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from hardware.log import Log
-from sim2real.diagnosis.contract.answer import Answer, answer_of
+from sim2real.diagnosis.contract.answer import Answer, Stage
 from sim2real.diagnosis.contract.description import Description
 from sim2real.diagnosis.contract.rows import Rows
 from sim2real.diagnosis.contract.servo import check_gains, check_rate
 from sim2real.diagnosis.contract.stages import (
     Actor,
-    Stage,
     actions_of,
     check_action,
     check_observation,
@@ -59,11 +58,14 @@ def check_contract(
         check_gains(rows, about, settings),
         check_rate(logs, about, settings),
     ]
-    clock_alone = {key: value for stage in stages[:4] for key, value in stage.checked.items()}
-    checked = {**clock_alone, **stages[4].checked} if clock_alone else {}
-    return answer_of(
-        [finding for stage in stages for finding in stage.findings],
-        [one for stage in stages for one in stage.cannot_tell],
-        checked,
+    compared = any(stage.checked for stage in stages[:4])  # a clock alone is nothing compared
+    whole = Stage()
+    for stage in stages:
+        whole.add(stage)
+    return Answer(
+        "broken" if whole.findings else "holds" if compared else "cannot_tell",
+        tuple(whole.findings),
+        tuple(dict.fromkeys(whole.cannot_tell)),
+        whole.checked if compared else {},
         {"logs": rows.place, "rows": len(rows), "description": about.name, "policy": policy},
     )

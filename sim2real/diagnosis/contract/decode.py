@@ -1,8 +1,8 @@
 """How logged numbers were made of the channels they should be made of.
 
-    found = decode(target, variants, rows, limits)
-    found.changes                       # [] where the described way explains the log
-    found.static, found.exchangeable    # what this log cannot tell
+    stage = decode(target, variants, rows, limits)
+    stage.findings                      # [] where the described way explains the log
+    stage.cannot_tell, stage.checked    # what this log cannot tell, and the misfit that is left
 
 Number j of a term is modelled as gain_j (x_i(t - age) + offset_j), with one element i for each j.
 The described way has i = j and the described gain, offset and age. Everything else is a change, and
@@ -12,13 +12,14 @@ which only a change that halves the misfit of a number can win. All misfits foll
 covariances, so that thousands of ways are compared at once.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import product
+from collections.abc import Iterable, Sequence
+from itertools import combinations, product
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
+from scipy.sparse.csgraph import connected_components
 
+from sim2real.diagnosis.contract.answer import Finding, Rival, Stage
 from sim2real.diagnosis.contract.rebuild import Variant
 from sim2real.diagnosis.contract.rows import Rows
 from sim2real.diagnosis.contract.ways import (
@@ -37,39 +38,10 @@ from sim2real.diagnosis.contract.ways import (
 from sim2real.diagnosis.settings import Contract
 
 HUGE = 1e30  # nats: a way that is none
+FEW = "too few rows to compare"
 
 
-@dataclass(frozen=True)
-class Decoded:
-    """What was found of one term.
-
-    Attributes:
-        changes: from the described way to the one that explains the log; empty where none is
-            needed, or none explains it.
-        before: misfit of the described way, RMS of the numbers' spread, over suspect numbers.
-        after: that of the way with the changes; `before` where there are none.
-        left: the largest misfit of a single number that stays.
-        sure: share of resamples in which the changes leave less than the margin.
-        others: changes of other ways that explain the log as well.
-        static: elements that did not move enough to judge order, sign, scale and age.
-        exchangeable: groups of elements that the log cannot tell apart.
-        unseen: elements that have too few rows to be compared.
-        age_open: whether an age one step off explains the log as well.
-    """
-
-    changes: tuple[Change, ...] = ()
-    before: float = 0.0
-    after: float = 0.0
-    left: float = 0.0
-    sure: float = 1.0
-    others: tuple[tuple[Change, ...], ...] = ()
-    static: tuple[str, ...] = ()
-    exchangeable: tuple[tuple[str, ...], ...] = ()
-    unseen: tuple[str, ...] = ()
-    age_open: bool = False
-
-
-def decode(target: Target, ways: Sequence[Variant], rows: Rows, limits: Contract) -> Decoded:
+def decode(target: Target, ways: Sequence[Variant], rows: Rows, limits: Contract) -> Stage:
     """Find how a term was made.
 
     Args:
@@ -79,23 +51,22 @@ def decode(target: Target, ways: Sequence[Variant], rows: Rows, limits: Contract
         limits: when a change is named.
     """
     use = rows.deep(limits.ages_max)
-    kept = np.abs(target.values) < target.clip * (1 - limits.floor)
-    kept = np.repeat(np.all(kept, axis=1)[:, None], kept.shape[1], axis=1)
-    if target.apart is not None:
-        kept &= ~target.apart
+    whole = np.all(np.abs(target.values) < target.clip * (1 - limits.floor), axis=1, keepdims=True)
+    kept = whole & ~np.broadcast_to(target.apart, target.values.shape)
     use = use[kept[use].any(axis=1)]
     kept = kept[use] & (kept[use].sum(axis=0) >= limits.rows_few)
+    stage = Stage()
     if kept.sum() < limits.rows_min or len(use) < limits.rows_min:
-        return Decoded(unseen=tuple(target.elements))
+        stage.open(f"{target.name}: {', '.join(target.elements)}", FEW)
+        return stage
     search = _Search(target, rows, use, kept, limits)
-    plain = search.described(ways[0])
-    misfit = search.misfit(plain)
-    blind = search.blind(plain)
-    if misfit.max() <= limits.suspect:
-        return replace(blind, left=float(misfit.max()))
-    every = search.every(ways)
-    best = min(every, key=lambda way: way.score)
-    return search.judged(plain, best, every, blind)
+    plain = search.described(ways[0], ways[0].age)
+    left = float(search.misfit(plain).max())
+    if left > limits.suspect:
+        stage.findings, left = search.findings(plain, search.every(ways))
+    if search.blind(plain, stage):
+        stage.checked[f"{target.stage}: {target.name}"] = left
+    return stage
 
 
 class _Search:
@@ -118,84 +89,86 @@ class _Search:
     def _std(self, values: np.ndarray) -> np.ndarray:
         return np.sqrt(self._mean((values - self._mean(values)) ** 2))
 
-    def described(self, way: Variant) -> Way:
-        """Return the described way."""
-        gain, pose = gains(self.target, None, 1.0)[0], poses(way)[0]
-        return self._way(way, way.age, gain, pose, self._moments(way, way.age), exact=True)
+    def _source(self, way: Variant, age: int) -> np.ndarray:
+        return self.rows.older(way.values, age)[self.use]
 
     def every(self, ways: Sequence[Variant]) -> list[Way]:
         """Return the best way of each variant, age, gain and pose."""
-        made = []
-        few = len(ways) <= self.limits.ways_few
-        ages = range(self.limits.ages_max + 1)
-        for way, age in product(ways, ages):
-            if age != way.age and way.fault and not few:
+        made, limits = [], self.limits
+        for way, age in product(ways, range(limits.ages_max + 1)):
+            if age != way.age and way.mistake and len(ways) > limits.ways_few:
                 continue
             moments = self._moments(way, age)
-            factors = gains(self.target, moments, self.limits.free_price, way.offset * self.seen)
-            made += [
-                self._way(way, age, gain, pose, moments)
-                for gain in factors
-                for pose in poses(way, self.target.scale / gain.factor)
-            ]
+            for gain in gains(self.target, moments, limits.free_price, way.offset * self.seen):
+                for pose in poses(way, self.target.scale / gain.factor):
+                    made.append(self._fitted(way, age, gain, pose, moments))
         return made
-
-    def predict(self, way: Way) -> np.ndarray:
-        """Return the numbers as a way makes them, (n, k)."""
-        source = self.rows.older(way.variant.values, way.age)[self.use]
-        return way.slope * source[:, way.order] + way.shift
 
     def misfit(self, way: Way) -> np.ndarray:
         """Return the RMS misfit of each number, relative to its spread, (k,)."""
-        made = self.predict(way)
+        made = self._predict(way)
         spread = np.maximum(self.spread, self._std(made))
         square = self._mean((self.logged - made) ** 2) - self.rounding
         return np.sqrt(np.maximum(square, 0.0)) / spread
 
-    def blind(self, plain: Way) -> Decoded:
-        """Return what the log cannot show even if the interface is intact, and nothing else."""
-        names, limits = self.target.elements, self.limits
-        source = self.rows.older(plain.variant.values, plain.age)[self.use]
+    def _predict(self, way: Way) -> np.ndarray:
+        """Return the numbers as a way makes them, (n, k)."""
+        return way.slope * self._source(way.variant, way.age)[:, way.order] + way.shift
+
+    def blind(self, plain: Way, stage: Stage) -> bool:
+        """Add what the log cannot show even if the interface is intact; False: it shows nothing."""
+        names, limits = np.array(self.target.elements, object), self.limits
+        source = self._source(plain.variant, plain.age)
         still = self._std(source) < limits.still
         likeness = _likeness(source, plain.variant.offset, self.target.scale, limits)
-        pairs = (likeness < limits.alike) & ~still[:, None] & ~still
-        age = plain.age + 1
-        later = self._way(plain.variant, age, plain.gain, plain.pose,
-                          self._moments(plain.variant, age), exact=True)  # fmt: skip
-        return Decoded(
-            static=tuple(n for n, s in zip(names, still & self.seen, strict=True) if s),
-            unseen=tuple(n for n, s in zip(names, self.seen, strict=True) if not s),
-            exchangeable=tuple(tuple(names[i] for i in g) for g in _groups(pairs)),
-            age_open=bool(not still.all() and later.score - plain.score < limits.alike),
-        )
+        alike = (likeness < limits.alike) & ~still[:, None] & ~still
+        group = connected_components(alike, directed=False)[1]
+        groups = [group == number for number in range(group.max() + 1)]
+        static = "did not move: order, sign, scale and age are unknown"
+        for which, text in (
+            (still & self.seen, static),
+            (~self.seen, FEW),
+            *((one, "moved alike: their order is unknown") for one in groups if one.sum() > 1),
+        ):
+            if which.any():
+                stage.open(f"{self.target.name}: {', '.join(names[which])}", text)
+        later = self.described(plain.variant, plain.age + 1)
+        slow = not still.all() and later.score - plain.score < limits.alike
+        if slow and all(one.fault != "age" for one in stage.findings):
+            stage.open(self.target.name, "changes too slowly for its age to be known to a step")
+        return bool((self.seen & ~still).any())
 
-    def judged(self, plain: Way, best: Way, every: Sequence[Way], blind: Decoded) -> Decoded:
-        """Return the changes of the best way, if they explain enough."""
+    def findings(self, plain: Way, every: Sequence[Way]) -> tuple[list[Finding], float]:
+        """Return the changes of the best way, if they explain enough, and what misfit is left."""
+        limits, target, best = self.limits, self.target, min(every, key=lambda way: way.score)
         before, after = self.misfit(plain), self.misfit(best)
-        limits = self.limits
         wrong = before > limits.suspect
         old, new = (float(np.sqrt(np.mean(m[wrong] ** 2))) for m in (before, after))
-        found = changes(self.target, best)
-        if not found or new > min(limits.margin * old, limits.left_max):
-            return replace(blind, before=old, after=old, left=float(before.max()))
-        near = [w for w in every if w is not best and w.score - best.score < limits.alike]
-        near += self._reordered(best)
-        others = dict.fromkeys(changes(self.target, w) for w in sorted(near, key=lambda w: w.score))
-        others.pop(found, None)
-        late = any(one.fault == "age" for one in found)
-        return replace(
-            blind,
-            changes=found,
-            before=old,
-            after=new,
-            left=float(after.max()),
-            sure=self._sure(plain, best, wrong),
-            others=tuple(others),
-            age_open=blind.age_open and not late,
-        )
+        changed, made = changes(target, best), []
+        if not changed or new > min(limits.margin * old, limits.left_max):
+            changed, after = (), before
+        else:
+            near = [way for way in every if way.score - best.score < limits.alike]
+            near = sorted([*near, *self._reordered(best)], key=lambda way: way.score)
+            others = dict.fromkeys(changes(target, way) for way in near)
+            sure = self._sure(plain, best, wrong)
+        for one in changed:
+            fault = target.stage, one.fault, one.where, one.text, one.fix
+            rivals = _rivals(one, changed, others)[: limits.set_max - 1]
+            made.append(Finding(*fault, old, new, sure, one.value, rivals))
+        left = float(after.max())
+        if left > limits.unexplained:
+            text = (
+                f"{target.name} differs from what the description makes of the log by {left:.0%} "
+                "of its spread, and no fault that is looked for explains it"
+            )
+            fix = "compare the code that fills it with the training's, or correct the description"
+            fault = target.stage, "unexplained", target.name, text, fix
+            made.append(Finding(*fault, old, left))
+        return made, left
 
     def _moments(self, way: Variant, age: int) -> Moments:
-        source = self.rows.older(way.values, age)[self.use]
+        source = self._source(way, age)
         middle = source.mean(axis=0)  # taken off first, for the digits
         mean, off, weight = self._mean(self.logged), source - middle, self.weight.T
         around = weight @ off  # (k, k): number j, source i
@@ -204,11 +177,16 @@ class _Search:
         source_mean = around + middle * self.seen[:, None]
         return Moments(mean, self._std(self.logged) ** 2, source_mean, var, cov)
 
-    def _way(
+    def described(self, way: Variant, age: int) -> Way:
+        """Return a variant of some age with the described gain, pose, order and options."""
+        gain, pose = Gain(None, self.target.scale, 0.0), Pose(None, way.offset)
+        return self._fitted(way, age, gain, pose, self._moments(way, age), exact=True)
+
+    def _fitted(
         self, way: Variant, age: int, gain: Gain, pose: Pose, moments: Moments, exact: bool = False
     ) -> Way:
         """Return the best order and options of the single numbers; `exact`: none of them."""
-        limits, k = self.limits, len(self.target.elements)
+        limits = self.limits
         slope, shift, price = options(gain, pose, moments, limits.free_price)
         mse = (
             moments.var[:, None]
@@ -219,43 +197,38 @@ class _Search:
         )
         relative = np.maximum(mse, 0.0) / (self.spread**2)[:, None] + limits.floor**2
         fit = limits.effective_rows / 2 * np.log(relative) * self.seen[:, None]
-        total = fit + limits.price * price[:, None, None]
-        moved = ~np.eye(k, dtype=bool)
-        for place in AT_OWN:
-            total[place][~moved] = HUGE
-        option = np.argmin(total, axis=0)  # (k, k)
-        scores = np.min(total, axis=0) + limits.price * moved
-        order = np.arange(k)
+        j = np.arange(len(self.spread))
         if exact:
-            option, scores = np.zeros((k, k), int), fit[0]
+            option, scores, order = np.zeros((len(j), len(j)), int), fit[0], j
         else:
+            total = fit + limits.price * price[:, None, None]
+            total[list(AT_OWN)] += HUGE * np.eye(len(j))
+            option = np.argmin(total, axis=0)  # (k, k)
+            scores = np.min(total, axis=0) + limits.price * (j[:, None] != j)
             order = linear_sum_assignment(scores)[1]
-        j = np.arange(k)
         chosen = option[j, order]
-        paid = gain.price + pose.price + bool(way.fault) + (age != way.age)
+        paid = gain.price + bool(pose.mistake) + bool(way.mistake) + (age != way.age)
         score = float(scores[j, order].sum() + limits.price * paid)
-        picked = (chosen, j, order)
-        return Way(way, age, gain, pose, score, order, chosen, scores, slope[picked], shift[picked])
+        slope, shift = slope[chosen, j, order], shift[chosen, j, order]
+        return Way(way, age, gain, pose, score, order, chosen, scores, slope, shift)
 
     def _reordered(self, best: Way) -> list[Way]:
         """Return the best way with two sources exchanged, where it then fits as well."""
-        made, k = [], len(best.order)
-        fit = best.scores - self.limits.price * ~np.eye(k, dtype=bool)
-        for a in range(k):
-            for b in range(a + 1, k):
-                order = best.order.copy()
-                order[[a, b]] = order[[b, a]]
-                rows = np.arange(k)
-                change = (fit[rows, order] - fit[rows, best.order]).sum()
-                if change < self.limits.alike:
-                    made.append(Way(**{**vars(best), "order": order, "score": best.score + change}))
+        made, rows = [], np.arange(len(best.order))
+        fit = best.scores - self.limits.price * (rows[:, None] != rows)
+        for a, b in combinations(rows, 2):
+            order = best.order.copy()
+            order[[a, b]] = order[[b, a]]
+            change = (fit[rows, order] - fit[rows, best.order]).sum()
+            if change < self.limits.alike:
+                made.append(best._replace(order=order, score=best.score + change))
         return made
 
     def _sure(self, plain: Way, best: Way, wrong: np.ndarray) -> float:
         """Return the share of resampled blocks of rows in which the changes explain enough."""
         limits, scale = self.limits, np.sqrt(self.weight * len(self.use)) / self.spread
         errors = [
-            np.sum((scale * (self.logged - self.predict(way)))[:, wrong] ** 2, axis=1)
+            np.sum((scale * (self.logged - self._predict(way)))[:, wrong] ** 2, axis=1)
             for way in (plain, best)
         ]
         blocks = np.array_split(np.arange(len(self.use)), limits.blocks)
@@ -276,16 +249,15 @@ def _likeness(
     return limits.effective_rows / 2 * np.log(apart / limits.floor**2 + 1)
 
 
-def _groups(pairs: np.ndarray) -> list[list[int]]:
-    """Return the connected groups of two and more, of a symmetric relation (k, k)."""
-    left, found = set(range(len(pairs))), []
-    while left:
-        group, edge = set(), [min(left)]
-        while edge:
-            i = edge.pop()
-            if i not in group:
-                group.add(i)
-                edge += [int(n) for n in np.flatnonzero(pairs[i] | pairs[:, i]) if n != i]
-        left -= group
-        found += [sorted(group)] if len(group) > 1 else []
-    return found
+def _rivals(
+    one: Change, changed: Sequence[Change], others: Iterable[Sequence[Change]]
+) -> tuple[Rival, ...]:
+    """Return what stands in other ways in the place of a change of the best one."""
+    rivals = [
+        Rival(o.fault, o.where, o.text)
+        for other in others
+        if not any(one.same(o) for o in other)
+        for o in other
+        if not any(o.same(own) for own in changed)
+    ]
+    return tuple(dict.fromkeys(rivals))

@@ -7,39 +7,41 @@
 docs/how-to/check_policy_interface.md explains every key.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import yaml
 
 from envs.errors import did_you_mean
 from sim2real.diagnosis.contract.terms import (
+    ANGLE,
+    FINITE,
+    POSITIVE,
+    SIZE_MAX,
     ContractError,
     Term,
     check_keys,
     choice,
     different,
-    is_number,
     make_term,
     numbers,
+    of_type,
     positive,
     whole,
 )
-from sim2real.diagnosis.data.pairs import TURN
 
 FOLDER = Path(__file__).parent / "observations"
 READY = tuple(sorted(path.stem for path in FOLDER.glob("*.yaml")))
 KEYS = ("base", "name", "joints", "actuators", "rate", "default_pose", "observation", "history")
 KEYS += ("clip", "normalizer", "action")
-ACTION_KEYS = ("size", "law", "scale", "offset", "clip", "kp", "kd")
-HISTORY_KEYS = ("length", "layout", "order")
-SCALE_MAX, SIZE_MAX, HISTORY_MAX = 1e4, 10_000, 200  # larger ones are slips of the keyboard
+HISTORY_MAX = 200  # a longer one is a slip of the keyboard
 Layout = Literal["frame", "term"]
 Order = Literal["oldest_first", "newest_first"]
 Law = Literal["joint_position", "logged_goal"]
+Offset = Literal["default_pose", "zero"]
 
 
 @dataclass(frozen=True)
@@ -119,11 +121,22 @@ class Description:
         """D, numbers of the whole vector."""
         return self.frame_size * self.history.length
 
-    def says_sizes(self) -> str:
-        """Return the terms with their sizes, for errors."""
+    def parts(self, frames: np.ndarray) -> Iterator[tuple[Term, np.ndarray]]:
+        """Return each term with its numbers (T, k) of frames (T, F)."""
+        cuts = np.cumsum([term.size for term in self.terms])[:-1]
+        return zip(self.terms, np.split(frames, cuts, axis=1), strict=True)
+
+    def check_size(self, place: str, who: str, size: int | None) -> None:
+        """Raise ContractError where a log or a policy has a vector of another size."""
+        if size in (None, self.size):
+            return
         text = ", ".join(f"{term.kind} {term.size}" for term in self.terms)
         frames = self.history.length
-        return text if frames == 1 else f"({text}) in {frames} frames"
+        terms = text if frames == 1 else f"({text}) in {frames} frames"
+        raise ContractError(
+            f"{place}: {who} {size} numbers, but {self.name} describes {self.size}: {terms}; "
+            "correct the description's terms"
+        )
 
 
 def read_description(
@@ -141,31 +154,27 @@ def read_description(
     """
     given, place = _load(path)
     check_keys(place, given, KEYS)
-    names = _names(place, "joints", given.get("joints"), joints)
+    names = _names(place, "joints", given, joints)
     of_log = dict(zip(joints, actuators or joints, strict=True))
-    driven = [of_log.get(name, name) for name in names]
-    driving = _names(place, "actuators", given.get("actuators"), driven)
+    driving = _names(place, "actuators", given, [of_log.get(name, name) for name in names])
     if len(driving) != len(names):
         raise ContractError(f"{place}: {len(driving)} actuators for {len(names)} joints")
-    action = _section(place, given, "action", ACTION_KEYS)
-    count = whole(f"{place}, action: size", action.get("size", len(names)), SIZE_MAX)
+    pose = _pose(f"{place}, default_pose", given.get("default_pose"), names)
+    action = _action(place, given, len(names), pose)
     listed = given.get("observation")
     if not isinstance(listed, list) or not listed:
         raise ContractError(f"{place}: observation must be a list of terms, not {listed!r}")
     terms = tuple(
-        make_term(f"{place}, observation {i + 1}", term, names, count, (SCALE_MAX, SIZE_MAX))
+        make_term(f"{place}, observation {i + 1}", term, names, action.size)
         for i, term in enumerate(listed)
     )
-    pose = _pose(place, given.get("default_pose"), names)
-    relative = any(term.relative for term in terms)
-    history = _history(place, given)
-    made = ActionLaw(*_action(place, action, count, pose))
-    if pose is None and relative:
+    if pose is None and any(term.relative for term in terms):
         raise ContractError(
             f"{place}: default_pose is missing, but joint_position is relative to it; give the "
             "angle of each joint [rad], or relative: false in the term"
         )
-    size = sum(term.size for term in terms) * history.length
+    history = _history(place, given)
+    size = history.length * sum(term.size for term in terms)
     return Description(
         str(given.get("name", Path(place).stem)),
         names,
@@ -174,9 +183,9 @@ def read_description(
         np.zeros(len(names)) if pose is None else pose,
         terms,
         history,
-        _limit(f"{place}: clip", given.get("clip")),
+        _limit(f"{place}: clip", given),
         _normalizer(place, given, size),
-        made,
+        action,
     )
 
 
@@ -212,59 +221,53 @@ def _merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     return both
 
 
-def _section(
-    place: str, given: Mapping[str, Any], name: str, keys: tuple[str, ...]
-) -> Mapping[str, Any]:
+def _section(place: str, given: Mapping[str, Any], *keys: str) -> tuple[str, Mapping[str, Any]]:
+    """Return the place of a section, the first of `keys`, and its values, of the other `keys`."""
+    name, *allowed = keys
     section = {} if given.get(name) is None else given[name]
-    if not isinstance(section, Mapping):
-        raise ContractError(f"{place}: {name} {section!r} must have keys: {', '.join(keys)}")
-    check_keys(f"{place}, {name}", section, keys)
-    return section
+    of_type(f"{place}: {name}", section, Mapping, f"keys with values: {', '.join(allowed)}")
+    place = f"{place}, {name}"
+    check_keys(place, section, tuple(allowed))
+    return place, section
 
 
-def _names(place: str, key: str, given: Any, default: Sequence[str]) -> tuple[str, ...]:
-    if given is None:
+def _names(
+    place: str, key: str, given: Mapping[str, Any], default: Sequence[str]
+) -> tuple[str, ...]:
+    if given.get(key) is None:
         return tuple(default)
-    return different(f"{place}: {key}", given)
+    return different(f"{place}: {key}", given[key])
 
 
 def _pose(place: str, given: Any, joints: tuple[str, ...]) -> np.ndarray | None:
     if given is None:
         return None
     if isinstance(given, Mapping):
-        check_keys(f"{place}, default_pose", given, joints)
+        check_keys(place, given, joints)
         missing = [name for name in joints if name not in given]
         if missing:
-            raise ContractError(f"{place}, default_pose: {', '.join(missing)} are missing")
+            raise ContractError(f"{place}: {', '.join(missing)} are missing")
         given = [given[name] for name in joints]
-    if not isinstance(given, list) or len(given) != len(joints):
-        raise ContractError(
-            f"{place}: default_pose {given!r} must be {len(joints)} angles [rad], or joint: angle"
-        )
-    for name, value in zip(joints, given, strict=True):
-        if not is_number(value) or not abs(value) <= TURN:
-            raise ContractError(
-                f"{place}, default_pose: {name} {value!r} must be an angle [rad] within a turn"
-            )
-    return np.array(given, float)
+    return numbers(place, given, len(joints), ANGLE)
 
 
 def _history(place: str, given: Mapping[str, Any]) -> History:
-    section = _section(place, given, "history", HISTORY_KEYS)
-    length = whole(f"{place}, history: length", section.get("length", 1), HISTORY_MAX)
-    layout = choice(f"{place}, history: layout", section.get("layout", "frame"), ("frame", "term"))
-    orders = ("oldest_first", "newest_first")
-    order = choice(f"{place}, history: order", section.get("order", orders[0]), orders)
-    return History(length, layout, order)
+    place, own = _section(place, given, "history", "length", "layout", "order")
+    return History(
+        whole(f"{place}: length", own.get("length", 1), HISTORY_MAX),
+        choice(f"{place}: layout", own.get("layout", "frame"), get_args(Layout)),
+        choice(f"{place}: order", own.get("order", "oldest_first"), get_args(Order)),
+    )
 
 
-def _action(place: str, given: Mapping[str, Any], size: int, pose: np.ndarray | None) -> tuple:
-    place = f"{place}, action"
-    law = choice(f"{place}: law", given.get("law", "joint_position"),
-                  ("joint_position", "logged_goal"))  # fmt: skip
-    offset = choice(f"{place}: offset", given.get("offset", "default_pose"),
-                     ("default_pose", "zero"))  # fmt: skip
-    scale = numbers(f"{place}: scale", given.get("scale", 1.0), size, SCALE_MAX)
+def _action(
+    place: str, given: Mapping[str, Any], joints: int, pose: np.ndarray | None
+) -> ActionLaw:
+    keys = ("size", "law", "scale", "offset", "clip", "kp", "kd")
+    place, own = _section(place, given, "action", *keys)
+    size = whole(f"{place}: size", own.get("size", joints), SIZE_MAX)
+    law = choice(f"{place}: law", own.get("law", "joint_position"), get_args(Law))
+    offset = choice(f"{place}: offset", own.get("offset", "default_pose"), get_args(Offset))
     shift = np.zeros(size)
     if law == "joint_position" and offset == "default_pose":
         if pose is None or len(pose) != size:
@@ -274,29 +277,21 @@ def _action(place: str, given: Mapping[str, Any], size: int, pose: np.ndarray | 
                 "offset: zero"
             )
         shift = pose
-    gains = [
-        None if given.get(key) is None else numbers(f"{place}: {key}", given[key], size, SCALE_MAX)
+    kp, kd = (
+        None if own.get(key) is None else numbers(f"{place}: {key}", own[key], size)
         for key in ("kp", "kd")
-    ]
-    return size, law, scale, shift, _limit(f"{place}: clip", given.get("clip")), *gains
+    )
+    scale = numbers(f"{place}: scale", own.get("scale", 1.0), size)
+    return ActionLaw(size, law, scale, shift, _limit(f"{place}: clip", own), kp, kd)
 
 
-def _limit(place: str, given: Any) -> float:
-    return np.inf if given is None else positive(place, given)
+def _limit(place: str, given: Mapping[str, Any]) -> float:
+    return np.inf if given.get("clip") is None else positive(place, given["clip"])
 
 
 def _normalizer(place: str, given: Mapping[str, Any], size: int) -> np.ndarray | None:
     if given.get("normalizer") is None:
         return None
-    section = _section(place, given, "normalizer", ("mean", "std"))
-    both = []
-    for key in ("mean", "std"):
-        values = section.get(key)
-        if not isinstance(values, list) or len(values) != size:
-            count = len(values) if isinstance(values, list) else values
-            raise ContractError(f"{place}, normalizer: {key} needs {size} numbers, not {count!r}")
-        real = all(is_number(v) and np.isfinite(v) for v in values)
-        if not real or (key == "std" and min(values) <= 0):
-            raise ContractError(f"{place}, normalizer: {key} must be finite, and std above 0")
-        both.append(np.array(values, float))
-    return np.stack(both)
+    place, own = _section(place, given, "normalizer", "mean", "std")
+    mean = numbers(f"{place}: mean", own.get("mean"), size, FINITE)
+    return np.stack([mean, numbers(f"{place}: std", own.get("std"), size, POSITIVE)])

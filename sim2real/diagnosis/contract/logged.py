@@ -21,13 +21,14 @@ from hardware.errors import HardwareError
 from hardware.log import Log
 from sim2real.diagnosis.contract import answer as contract
 from sim2real.diagnosis.contract.check import check_contract
-from sim2real.diagnosis.contract.description import READY, Description, read_description
+from sim2real.diagnosis.contract.description import READY, read_description
 from sim2real.diagnosis.contract.terms import ContractError
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, Settings
 from sim2real.runs.errors import Sim2RealError
 
 log_ = logging.getLogger(__name__)
+SAID = ("task", "policy", "observation")  # metadata that say whose a log is
 CHECK = "contract"  # what a report's findings of this are called
 POLICY = "policy"  # where an answer says that no action was computed again
 CLOCK = "clock"  # a stage whose findings preflight has itself
@@ -85,7 +86,25 @@ def check_logs(
     Raises:
         Sim2RealError: a policy or a description that cannot be read, or that do not fit.
     """
-    return _check(logs, observation, load_policy, actor, settings)[0]
+    place, policy, unread = actor or named(logs, "policy"), None, None
+    if place is not None and load_policy is not None:
+        try:
+            policy = load_policy(place)
+        except (Sim2RealError, ImportError) as error:  # without torch, runs cannot be read
+            if actor is not None:
+                raise
+            unread = f"the logs name a policy, and no action was computed again: {error}"
+    source = observation or _described_by(logs, policy.task if policy else None)
+    about = read_description(source, *_driven(logs[0]))
+    if policy is None:
+        answer = check_contract(logs, about, settings=settings)
+    else:
+        about.check_size(str(place), "the policy takes", policy.size)
+        answer = check_contract(logs, about, policy, policy.normalizer, settings, str(place))
+    if unread:
+        rest = [one for one in answer.cannot_tell if one.where != POLICY]
+        answer = replace(answer, cannot_tell=(contract.Open(POLICY, unread), *rest))
+    return answer
 
 
 def check_beforehand(
@@ -103,14 +122,12 @@ def check_beforehand(
         actor: see there.
     """
     groups: dict[tuple[str, ...], list[Log]] = {}
-    for log in logs:
-        if has_policy(log):
-            key = tuple(str(log.meta.get(name)) for name in ("task", "policy", "observation"))
-            groups.setdefault(key, []).append(log)
+    for log in filter(has_policy, logs):
+        groups.setdefault(tuple(str(log.meta.get(key)) for key in SAID), []).append(log)
     findings, failed, verdicts = [], [], []
     for group in groups.values():
         try:
-            answer, unread = _check(group, None, load_policy, actor, settings)
+            answer = check_logs(group, None, load_policy, actor, settings)
         except (Sim2RealError, EnvsError, HardwareError) as error:
             failed.append(f"{WHAT}: {error}")
             continue
@@ -119,16 +136,16 @@ def check_beforehand(
             failed.append(f"{WHAT}: {type(error).__name__}: {error}")
             continue
         verdicts.append(answer.verdict)
-        failed += [f"{WHAT}: {unread}"] if unread else []
         findings += [_as_finding(f, group[0]) for f in answer.findings if f.stage != CLOCK]
+        if load_policy is not None and named(group, "policy"):  # and could not be read
+            failed += [f"{WHAT}: {one.text}" for one in answer.cannot_tell if one.where == POLICY]
     ranked = [v for v in ("broken", "holds", "cannot_tell") if v in verdicts]
     return Beforehand(tuple(dict.fromkeys(findings)), tuple(failed), ranked[0] if ranked else None)
 
 
 def has_policy(log: Log) -> bool:
     """Return whether a log holds a policy's observations and actions, and names either's maker."""
-    said = any(log.meta.get(name) for name in ("task", "policy", "observation"))
-    return said and {"obs.0", "action.0"} <= set(log.columns)
+    return any(map(log.meta.get, SAID)) and {"obs.0", "action.0"} <= set(log.columns)
 
 
 def named(logs: Sequence[Log], key: str) -> Path | None:
@@ -145,12 +162,8 @@ def place_of(log: Log, key: str) -> Path | None:
     return (log.path.parent if log.path else Path()) / Path(name).expanduser()
 
 
-def described_by(logs: Sequence[Log], task: str | None = None) -> str | Path:
-    """Return the description that the logs name, else that of their task or of the policy's.
-
-    Raises:
-        ContractError: none is named, or a task that has no description.
-    """
+def _described_by(logs: Sequence[Log], task: str | None) -> str | Path:
+    """Return the description that the logs name, else that of their task or of the policy's."""
     said = {log.meta.get("observation") for log in logs} - {None}
     if len(said) == 1:
         one = str(said.pop())
@@ -166,7 +179,7 @@ def described_by(logs: Sequence[Log], task: str | None = None) -> str | Path:
     return found[0]
 
 
-def driven(log: Log) -> tuple[list[str], list[str]]:
+def _driven(log: Log) -> tuple[list[str], list[str]]:
     """Return the joints that have a command of the same name, and their actuators.
 
     Where none has, the joints and actuators are paired in the order of the columns.
@@ -176,51 +189,6 @@ def driven(log: Log) -> tuple[list[str], list[str]]:
         return same, same
     count = min(len(log.joints), len(log.actuators))
     return log.joints[:count], log.actuators[:count]
-
-
-def _check(
-    logs: Sequence[Log],
-    observation: str | Path | None,
-    load_policy: LoadPolicy | None,
-    actor: str | Path | None,
-    settings: Settings,
-) -> tuple[contract.Answer, str | None]:
-    """Return the answer, and why the policy that the logs name was not read; see `check_logs`."""
-    policy, place, unread = _policy(logs, load_policy, actor)
-    source = observation or described_by(logs, None if policy is None else policy.task)
-    about = read_description(source, *driven(logs[0]))
-    normalizer = None
-    if policy is not None:
-        _refuse_size(policy, about, place)
-        normalizer = policy.normalizer
-    answer = check_contract(logs, about, policy, normalizer, settings, place)
-    if unread:
-        rest = [one for one in answer.cannot_tell if one.where != POLICY]
-        answer = replace(answer, cannot_tell=(contract.Open(POLICY, unread), *rest))
-    return answer, unread
-
-
-def _policy(
-    logs: Sequence[Log], load_policy: LoadPolicy | None, actor: str | Path | None
-) -> tuple[Policy | None, str | None, str | None]:
-    """Return the policy, its name, and why the one that the logs name could not be read."""
-    place = actor or named(logs, "policy")
-    if place is None or load_policy is None:
-        return None, None, None
-    try:
-        return load_policy(place), str(place), None
-    except (Sim2RealError, ImportError) as error:  # without torch, runs cannot be read
-        if actor is not None:
-            raise
-        return None, None, f"the logs name a policy, and no action was computed again: {error}"
-
-
-def _refuse_size(policy: Policy, about: Description, place: str | Path | None) -> None:
-    if policy.size not in (None, about.size):
-        raise ContractError(
-            f"{place}: the policy takes {policy.size} numbers, but {about.name} describes "
-            f"{about.size}: {about.says_sizes()}; correct the description's terms"
-        )
 
 
 def _as_finding(found: contract.Finding, log: Log) -> Finding:

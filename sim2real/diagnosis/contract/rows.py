@@ -17,7 +17,10 @@ from envs.errors import did_you_mean
 from hardware.log import Log
 from sim2real.diagnosis.contract.terms import ContractError
 
-ENDS = "flag.end"  # 1 in an episode's last row where nothing was sent any more
+
+def is_sent(log: Log) -> np.ndarray:
+    """Return in which rows (T,) something was sent; in an episode's last one nothing may be."""
+    return log.columns.get("flag.end", np.zeros(len(log))) == 0
 
 
 @dataclass(frozen=True)
@@ -39,12 +42,11 @@ class Rows:
         """Join logs; rows in which an episode had ended are left out."""
         parts = [part for log in logs for part in log.episodes()]
         shared = [name for name in parts[0].columns if all(name in p.columns for p in parts)]
-        sent = [p.columns[ENDS] == 0 if ENDS in shared else np.ones(len(p), bool) for p in parts]
         columns = {
-            name: np.concatenate([p.columns[name][k] for p, k in zip(parts, sent, strict=True)])
+            name: np.concatenate([part.columns[name][is_sent(part)] for part in parts])
             for name in shared
         }
-        since = np.concatenate([np.arange(int(k.sum())) for k in sent])
+        since = np.concatenate([np.arange(is_sent(part).sum()) for part in parts])
         names = dict.fromkeys(str(log.path or "the log") for log in logs)
         return Rows(columns, since, ", ".join(names))
 

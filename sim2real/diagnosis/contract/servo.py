@@ -9,10 +9,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from hardware.log import Log
-from sim2real.diagnosis.contract.answer import Finding, Open
+from sim2real.diagnosis.contract.answer import Finding, Stage
 from sim2real.diagnosis.contract.description import Description
 from sim2real.diagnosis.contract.rows import Rows
-from sim2real.diagnosis.contract.stages import Stage
 from sim2real.diagnosis.preflight.clocks import check_clocks
 from sim2real.diagnosis.settings import Settings
 
@@ -28,7 +27,7 @@ def check_gains(rows: Rows, about: Description, settings: Settings) -> Stage:
     speeds = [f"qvel.{name}" for name in about.joints]
     if not rows.has([*logged, *speeds]):
         text = f"kp and kd need {TORQUE}<actuator> and qvel.<joint>, which are not logged"
-        stage.cannot_tell.append(Open("gains", text))
+        stage.open("gains", text)
         return stage
     torque, speed = rows.matrix(logged), rows.matrix(speeds)
     error = rows.matrix([f"ctrl.{name}" for name in about.actuators])
@@ -43,7 +42,7 @@ def check_gains(rows: Rows, about: Description, settings: Settings) -> Stage:
         power = float(np.sum((torque[use, j] - torque[use, j].mean()) ** 2))
         if power == 0 or float(rest @ rest) > (1 - settings.preflight.share) * power:
             text = "torque is not a function of position and speed, so its gains are unknown"
-            stage.cannot_tell.append(Open(f"gains: {name}", text))
+            stage.open(f"gains: {name}", text)
             continue
         for key, value in zip(ratios, found, strict=True):
             described = getattr(about.action, key)

@@ -6,18 +6,16 @@ report = check_action(rows, about, limits)            # ctrl.<actuator> against 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
-from sim2real.diagnosis.contract.answer import Finding, Open, findings_of, open_of
-from sim2real.diagnosis.contract.decode import Decoded, decode
+from sim2real.diagnosis.contract.answer import Finding, Stage
+from sim2real.diagnosis.contract.decode import decode
 from sim2real.diagnosis.contract.description import Description
 from sim2real.diagnosis.contract.history import unstack
-from sim2real.diagnosis.contract.rebuild import Variant, variants
+from sim2real.diagnosis.contract.rebuild import Mistake, Variant, variants
 from sim2real.diagnosis.contract.rows import Rows
-from sim2real.diagnosis.contract.terms import ContractError
+from sim2real.diagnosis.contract.terms import ContractError, Term
 from sim2real.diagnosis.contract.ways import Target
 from sim2real.diagnosis.data.pairs import TWELVE_BITS
 from sim2real.diagnosis.settings import Contract
@@ -27,24 +25,6 @@ ANGULAR = ("joint_position", "joint_velocity", "gyro", "roll_pitch")
 NORMALIZED = "subtract the mean and divide by the standard deviation {}"
 SAME_DIGITS, FEW_LEVELS, OFF_GRID = 9, 3, 0.01  # of commands that are rounded to counts
 LIMITED = "flag.limited"  # 1 in rows in which the robot's guard sent something else
-
-
-@dataclass
-class Stage:
-    """What one stage showed."""
-
-    findings: list[Finding] = field(default_factory=list)
-    cannot_tell: list[Open] = field(default_factory=list)
-    checked: dict[str, float] = field(default_factory=dict)
-
-    def take(
-        self, stage: str, name: str, found: Decoded, elements: list[str], limits: Contract
-    ) -> None:
-        """Add what was decoded at one place."""
-        self.findings += findings_of(stage, name, found, elements, limits)
-        self.cannot_tell += open_of(name, found)
-        if len(found.static) + len(found.unseen) < len(elements):
-            self.checked[f"{stage}: {name}"] = found.left
 
 
 def check_observation(rows: Rows, about: Description, limits: Contract) -> Stage:
@@ -57,84 +37,70 @@ def check_observation(rows: Rows, about: Description, limits: Contract) -> Stage
     seen = rows.numbered("obs")
     if seen is None:
         text = "obs.<i> is not logged, so what the policy saw cannot be compared"
-        stage.cannot_tell.append(Open("observation", text))
+        stage.open("observation", text)
         return stage
-    if seen.shape[1] != about.size:
-        raise ContractError(
-            f"{rows.place}: an observation has {seen.shape[1]} numbers, but {about.name} describes "
-            f"{about.size}: {about.says_sizes()}; correct the description's terms"
-        )
-    seen, wrong = _unnormalized(seen, rows, about, limits)
-    stage.findings += wrong
-    stack = unstack(seen, about, rows, limits)
-    stage.findings += stack.faults
-    if stack.open:
-        stage.cannot_tell.append(Open("history", "the frames are alike: their order is unknown"))
-    start = 0
-    for term in about.terms:
-        part = stack.newest[:, start : start + term.size]
-        start += term.size
-        if not term.rebuilt:
+    about.check_size(rows.place, "an observation has", seen.shape[1])
+    newest, stacked = unstack(_unnormalized(stage, seen, rows, about, limits), about, rows, limits)
+    stage.add(stacked)
+    for term, part in about.parts(newest):
+        if term.rebuilt:
+            stage.add(_decoded(part, term, rows, about, limits))
+        else:
             text = f"{term.size} numbers have no channel in the log and were not checked"
-            stage.cannot_tell.append(Open(term.kind, text))
-            continue
-        stage.take("observation", term.kind, _decoded(part, term, rows, about, limits),
-                   term.elements, limits)  # fmt: skip
+            stage.open(term.kind, text)
     return stage
 
 
-def _decoded(part: np.ndarray, term: Any, rows: Rows, about: Description, limits: Contract) -> Any:
+def _decoded(
+    part: np.ndarray, term: Term, rows: Rows, about: Description, limits: Contract
+) -> Stage:
+    ways = variants(term, rows, about)
+    if term.kind == "quaternion":  # q and -q are one turn
+        part = _one_side(part, term)
+        ways = [way._replace(values=_one_side(way.values, term)) for way in ways]
     flipped = "gravity_direction" if term.kind in ("gravity", "accelerometer") else "sign"
     angular = term.kind in ANGULAR
-    if term.kind == "quaternion":
-        part = part * np.sign(part[:, [list(term.order).index("w")]] + 0.0)  # q and -q are one turn
-    target = Target(term.kind, term.elements, part, term.scale, angular, about.clip, flipped)
-    ways = variants(term, rows, about)
-    if term.kind == "quaternion":
-        ways = [_one_side(way, term.order) for way in ways]
+    of = "observation", term.kind, term.elements
+    target = Target(*of, part, term.scale, angular, about.clip, flipped)
     return decode(target, ways, rows, limits)
 
 
-def _one_side(way: Variant, order: str) -> Variant:
-    """Return quaternions whose number at w's place is not below 0."""
-    place = [order.index("w")]
-    return way._replace(values=way.values * np.sign(way.values[:, place] + 0.0))
+def _one_side(turn: np.ndarray, term: Term) -> np.ndarray:
+    """Return quaternions (T, 4) whose number at w's place is not below 0."""
+    return turn * np.sign(turn[:, [term.elements.index("w")]])
 
 
 def _unnormalized(
-    seen: np.ndarray, rows: Rows, about: Description, limits: Contract
-) -> tuple[np.ndarray, list[Finding]]:
-    """Take a described normalizer off, as often as it was put on."""
+    stage: Stage, seen: np.ndarray, rows: Rows, about: Description, limits: Contract
+) -> np.ndarray:
+    """Take the described normalizer off, as often as it was put on; add it if that is not once."""
     if about.normalizer is None:
-        return seen, []
+        return seen
     mean, std = about.normalizer
     once = seen * std + mean
-    ways = {"": once, "missing": seen, "twice": once * std + mean}
-    misfit = {name: _rebuilt_misfit(values, rows, about, limits) for name, values in ways.items()}
-    best = min(misfit, key=lambda name: misfit[name])
-    if misfit[""] <= limits.suspect or misfit[best] > limits.margin * misfit[""]:
-        return once, []
-    text = "was not applied" if best == "missing" else "was applied twice"
-    fix = NORMALIZED.format("once")
-    fault = Finding("observation", f"normalizer_{best}", "normalizer", f"the normalizer {text}",
-                    fix, misfit[""], misfit[best])  # fmt: skip
-    return ways[best], [fault]
+    ways = {"was not applied": seen, "was applied twice": once * std + mean}
+    before = _rebuilt_misfit(once, rows, about, limits)
+    after, text = min((_rebuilt_misfit(way, rows, about, limits), n) for n, way in ways.items())
+    if before <= limits.suspect or after > limits.margin * before:
+        return once
+    fault = "normalizer_missing" if ways[text] is seen else "normalizer_twice"
+    words = f"the normalizer {text}", NORMALIZED.format("once")
+    found = Finding("observation", fault, "normalizer", *words, before, after)
+    stage.findings.append(found)
+    return ways[text]
 
 
 def _rebuilt_misfit(values: np.ndarray, rows: Rows, about: Description, limits: Contract) -> float:
     """Return the median misfit of all rebuilt numbers of the newest frame as described."""
-    newest = unstack(values, about, rows, limits).newest
-    start, sizes = 0, []
-    for term in about.terms:
-        part = newest[:, start : start + term.size]
-        start += term.size
+    use, sizes = rows.deep(limits.ages_max), [np.zeros(0)]
+    for term, part in about.parts(unstack(values, about, rows, limits)[0]):
         if term.rebuilt:
             way = variants(term, rows, about)[0]
             made = term.scale * (rows.older(way.values, way.age) + way.offset)
-            use = rows.deep(limits.ages_max)
             spread = np.maximum(made[use].std(axis=0), limits.still * np.abs(term.scale))
-            sizes += list(np.sqrt(np.mean((part - made)[use] ** 2, axis=0)) / spread)
-    return float(np.median(sizes)) if sizes else 0.0
+            sizes.append(np.sqrt(np.mean((part - made)[use] ** 2, axis=0)) / spread)
+    every = np.concatenate(sizes)
+    return float(np.median(every)) if every.size else 0.0
 
 
 def actions_of(rows: Rows, about: Description) -> np.ndarray:
@@ -162,7 +128,7 @@ def check_policy(
     about: Description,
     actor: Actor | None,
     limits: Contract,
-    normalizer: np.ndarray | None = None,
+    normalizer: np.ndarray | None,
 ) -> Stage:
     """Compare the logged action with what the policy makes of the logged observation.
 
@@ -176,56 +142,47 @@ def check_policy(
     Raises:
         ContractError: see `actions_of`, or a policy of another number of actions.
     """
-    stage, name = Stage(), "action"
+    stage = Stage()
     seen, done = rows.numbered("obs"), actions_of(rows, about)
     if actor is None or seen is None:
         what = "no policy was given" if actor is None else "obs.<i> is not logged"
-        stage.cannot_tell.append(Open("policy", f"{what}, so no action was computed again"))
+        stage.open("policy", f"{what}, so no action was computed again")
         return stage
-    ways = _policy_ways(rows, seen, actor, limits, normalizer)
-    if ways[0].values.shape != done.shape:
+    plain = Variant(None, actor(seen), np.zeros(done.shape[1]))
+    if plain.values.shape != done.shape:
         raise ContractError(
-            f"the policy returns {ways[0].values.shape[1]} actions, but {rows.place} has "
+            f"the policy returns {plain.values.shape[1]} actions, but {rows.place} has "
             f"{done.shape[1]}; give the policy of this log"
         )
-    elements = [str(i) for i in range(done.shape[1])]
-    target = Target(name, elements, done, np.ones(done.shape[1]), False)
-    found = decode(target, ways, rows, limits)
-    stage.take("policy", name, found, elements, limits)
-    return stage
-
-
-def _policy_ways(
-    rows: Rows, seen: np.ndarray, actor: Actor, limits: Contract, normalizer: np.ndarray | None
-) -> list[Variant]:
-    """Return the actions of the logged observation, and of what may have been fed instead."""
-    plain = actor(seen)
-    none = np.zeros(plain.shape[1])
-    ways = [Variant("", "", "", plain, none)]
+    ways = [plain]
     if normalizer is not None:
         mean, std = normalizer
-        twice, missing = actor((seen - mean) / std), actor(seen * std + mean)
-        fix = NORMALIZED.format("once; the policy's file does it by itself")
-        text = "is what the policy does with an observation that {}"
-        ways += [
-            Variant("normalizer_twice", text.format("was normalized twice"), fix, twice, none),
-            Variant(
-                "normalizer_missing",
-                text.format("was not normalized"),
-                NORMALIZED.format("before the network"),
-                missing,
-                none,
+        for fault, how, fed, where in (
+            (
+                "twice",
+                "normalized twice",
+                (seen - mean) / std,
+                "once; the policy's file does it by itself",
             ),
-        ]
-    return [*ways, *_held(rows, plain, none, limits, "run the policy every control step")]
+            ("missing", "not normalized", seen * std + mean, "before the network"),
+        ):
+            text = f"is what the policy does with an observation that was {how}"
+            mistake = Mistake(f"normalizer_{fault}", text, NORMALIZED.format(where))
+            ways.append(plain._replace(mistake=mistake, values=actor(fed)))
+    ways += _held(rows, plain, limits, "run the policy every control step")
+    elements = [str(i) for i in range(done.shape[1])]
+    target = Target("policy", "action", elements, done, np.ones(done.shape[1]), False)
+    return decode(target, ways, rows, limits)
 
 
-def _held(
-    rows: Rows, values: np.ndarray, offset: np.ndarray, limits: Contract, fix: str
-) -> list[Variant]:
+def _held(rows: Rows, plain: Variant, limits: Contract, fix: str) -> list[Variant]:
     """Return values that are renewed every few rows only."""
     return [
-        Variant("rate", f"is renewed every {n} rows only", fix, rows.held(values, n, phase), offset)
+        Variant(
+            Mistake("rate", f"is renewed every {n} rows only", fix),
+            rows.held(plain.values, n, phase),
+            plain.offset,
+        )
         for n in range(2, limits.ages_max + 2)
         for phase in range(n)
     ]
@@ -237,42 +194,39 @@ def check_action(rows: Rows, about: Description, limits: Contract) -> Stage:
     Raises:
         ContractError: a log without actions, or without the commands of a joint.
     """
-    law, stage = about.action, Stage()
-    sent = rows.matrix([f"ctrl.{name}" for name in about.actuators])
-    done = actions_of(rows, about)
+    law, stage, names = about.action, Stage(), list(about.actuators)
+    sent, done = rows.matrix([f"ctrl.{name}" for name in names]), actions_of(rows, about)
+    clipped: list[Variant] = []
     if law.law == "logged_goal":
-        names = [f"action.{name}" for name in about.actuators]
-        if not rows.has(names):
+        goals, scale = [f"action.{name}" for name in names], np.ones(len(names))
+        if not rows.has(goals):
             text = "action.<actuator> is not logged, so the commands cannot be compared"
-            stage.cannot_tell.append(Open("ctrl", text))
+            stage.open("ctrl", text)
             return stage
-        asked, scale = rows.matrix(names), np.ones(len(names))
-        offset = np.zeros(len(names))
+        plain = Variant(None, rows.matrix(goals), np.zeros(len(names)))
     else:
         if done.shape[1] != sent.shape[1]:
             raise ContractError(
                 f"{rows.place}: {done.shape[1]} actions for {sent.shape[1]} actuators; log "
                 f"action.0 to action.{sent.shape[1] - 1}, or describe the law as logged_goal"
             )
-        asked, scale = np.clip(done, -law.clip, law.clip), law.scale
-        offset = law.offset / law.scale
-    step, free = _resolution(sent), rows.columns.get(LIMITED)
-    reach = float(np.median(np.abs(sent / scale - offset).max(axis=0)))
-    raw = done if law.law == "joint_position" else None
-    ways = _action_ways(rows, asked, offset, raw, reach, limits)
-    names = list(about.actuators)
-    target = Target("ctrl", names, sent, scale, True, resolution=step)
-    cut = np.zeros(len(rows), bool) if free is None else free > 0  # the guard's own doing
+        scale = law.scale
+        plain = Variant(None, np.clip(done, -law.clip, law.clip), law.offset / scale)
+        clipped = _clipped(sent / scale - plain.offset, done, plain, limits)
+    ways = [plain, *clipped, *_smoothed(rows, plain, limits)]
+    ways += _held(rows, plain, limits, "send a command every control step")
+    step = _resolution(sent)
+    cut = rows.columns.get(LIMITED, np.zeros(len(rows))) > 0  # the guard's own doing
     near = _after(cut, limits)
     many = (~near).sum() < limits.rows_min
-    apart = _cut(sent, cut, rows, step) if many else np.repeat(near[:, None], len(names), axis=1)
-    found = decode(target._replace(apart=apart), ways, rows, limits)
-    if many and not found.changes:
+    apart = _cut(sent, cut, rows, step) if many else near[:, None]
+    target = Target("action", "ctrl", names, sent, scale, True, resolution=step, apart=apart)
+    found = decode(target, ways, rows, limits)
+    if many and all(one.fault == "unexplained" for one in found.findings):
         text = f"the guard cut {cut.sum()} of {len(cut)} rows: what became of actions is unknown"
-        stage.cannot_tell.append(Open("ctrl", text))
+        stage.open("ctrl", text)
         return stage
-    stage.take("action", "ctrl", found, names, limits)
-    return stage
+    return found
 
 
 def _cut(sent: np.ndarray, cut: np.ndarray, rows: Rows, step: np.ndarray) -> np.ndarray:
@@ -320,28 +274,28 @@ def _resolution(sent: np.ndarray) -> np.ndarray:
     return np.where(np.isnan(found), known.min() if known.size else TWELVE_BITS, found)
 
 
-def _action_ways(
-    rows: Rows,
-    asked: np.ndarray,
-    offset: np.ndarray,
-    done: np.ndarray | None,
-    reach: float,
-    limits: Contract,
+def _clipped(
+    reached: np.ndarray, done: np.ndarray, plain: Variant, limits: Contract
 ) -> list[Variant]:
-    """Return what may have become of the actions: as described, unclipped, filtered, held."""
-    ways = [Variant("", "", "", asked, offset)]
-    if done is not None and not np.array_equal(done, asked):
-        text, fix = "is made of actions that were not clipped", "clip the actions"
-        ways.append(Variant("clip", text, fix, done, offset))
-    if done is not None and reach < (1 - limits.suspect) * np.abs(asked).max():
-        cut = np.clip(done, -reach, reach)
+    """Return actions (T, A) that were not clipped, or where those were that were reached (T, A)."""
+    ways = []
+    if not np.array_equal(done, plain.values):
+        mistake = Mistake("clip", "is made of actions that were not clipped", "clip the actions")
+        ways.append(plain._replace(mistake=mistake, values=done))
+    reach = float(np.median(np.abs(reached).max(axis=0)))
+    if reach < (1 - limits.suspect) * np.abs(plain.values).max():
         text, fix = f"is made of actions cut at {reach:.4g}", "clip the actions as described"
-        ways.append(Variant("clip", text, fix, cut, offset))
+        mistake = Mistake("clip", text, fix)
+        ways.append(plain._replace(mistake=mistake, values=np.clip(done, -reach, reach)))
+    return ways
+
+
+def _smoothed(rows: Rows, plain: Variant, limits: Contract) -> list[Variant]:
+    """Return commands that went through a filter of first order."""
+    made = []
     for share in limits.filters:
         text = f"is smoothed: {share:g} of the new value and {1 - share:g} of the last one"
-        ways.append(
-            Variant(
-                "filter", text, "send the command unfiltered", rows.smoothed(asked, share), offset
-            )
-        )
-    return [*ways, *_held(rows, asked, offset, limits, "send a command every control step")]
+        mistake = Mistake("filter", text, "send the command unfiltered")
+        values = rows.smoothed(plain.values, share)
+        made.append(plain._replace(mistake=mistake, values=values))
+    return made

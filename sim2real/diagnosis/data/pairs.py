@@ -1,7 +1,7 @@
 """Logs and the models they belong to: what they have in common, and how they are named."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import mujoco
 
@@ -46,16 +46,36 @@ def unit_of(pairs: Pairs, joint: str) -> str:
     return "rad" if kinds[joint] == mujoco.mjtJoint.mjJNT_HINGE else "m"
 
 
-def index_of(model: mujoco.MjModel, actuator: str) -> int | None:
-    """Return the index of the actuator that drives a joint, or None."""
+def actuators_of(pairs: Pairs) -> list[str]:
+    """Return the actuators whose commands are logged, in the logs' order."""
+    return list(dict.fromkeys(name for log, _ in pairs for name in log.actuators))
+
+
+def episodes_with(pairs: Pairs, *columns: str) -> list[Log]:
+    """Return the episodes of the logs that have all these columns."""
+    logs = [log for log, _ in pairs if all(name in log.columns for name in columns)]
+    return [part for log in logs for part in log.episodes()]
+
+
+def driven_by(model: mujoco.MjModel, actuator: str) -> tuple[int, str] | None:
+    """Return an actuator's index and the joint that it drives; None where it drives none."""
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, actuator)
-    on_joint = index >= 0 and model.actuator_trntype[index] == mujoco.mjtTrn.mjTRN_JOINT
-    return index if on_joint else None
+    if index < 0 or model.actuator_trntype[index] != mujoco.mjtTrn.mjTRN_JOINT:
+        return None
+    return index, model.joint(int(model.actuator_trnid[index, 0])).name
 
 
-def name_of(log: Log) -> str:
-    """Return the name of a log's file."""
-    return log.path.name if log.path else "the log"
+def commands_of(pairs: Pairs, actuator: str) -> Iterator[tuple[Log, mujoco.MjModel, int, str]]:
+    """Yield log, model, index and joint where a log commands an actuator that drives a joint."""
+    for log, model in pairs:
+        driven = driven_by(model, actuator)
+        if driven is not None and actuator in log.actuators:
+            yield log, model, *driven
+
+
+def name_of(log: Log, otherwise: str = "the log") -> str:
+    """Return the name of a log's file; of one in memory what it is called otherwise."""
+    return log.path.name if log.path else otherwise
 
 
 def which(found: Sequence[tuple], pairs: Pairs) -> str:

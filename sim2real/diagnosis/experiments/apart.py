@@ -11,8 +11,6 @@ over joints. Nobody knows which explanation is the robot, so of each of the P pa
 (`pairs`) the worse direction counts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import combinations
 from typing import NamedTuple
@@ -65,13 +63,17 @@ def separation(members: Sequence[Member], motions: Sequence[Recording], asked: A
 
     Refits are one linear step. NaN where a member cannot follow the motion.
     """
-    views = combinations([_View.of(member, motions, asked) for member in members], 2)
+    views = []
+    for member in members:
+        model = _Model(member, motions, asked)
+        made = model.predicted(model.values)
+        views.append((made, model.slopes(model.values, made)))
     found = [
         [
-            np.minimum(one.left(other, k, len(motion.time)), other.left(one, k, len(motion.time)))
+            np.minimum(_left(one, other, k, motion), _left(other, one, k, motion))
             for k, motion in enumerate(motions)
         ]
-        for one, other in views
+        for one, other in combinations(views, 2)
     ]
     return np.transpose(found)
 
@@ -82,142 +84,115 @@ def refitted(members: Sequence[Member], motion: Recording, asked: Asked) -> np.n
     As `separation`, but every refit is simulated until it settles. NaN where a member cannot follow
     the motion.
     """
+    models = [_Model(member, [motion], asked) for member in members]
     return np.array(
         [
-            np.minimum(_settled(one, other, motion, asked), _settled(other, one, motion, asked))
-            for one, other in pairs(members)
+            np.minimum(_settled(one, other, motion), _settled(other, one, motion))
+            for one, other in combinations(models, 2)
         ]
     )
 
 
-class _View(NamedTuple):
-    """What a member says of motions and of the past, and how that changes with its values.
+class _Model:
+    """A member in some motions and in the past.
 
     Args:
-        new: of each motion, K of (T M,) noises.
-        past: (S,).
-        new_slopes: K of (T M, P).
-        past_slopes: (S, P).
+        member: an explanation.
+        motions: K of them.
+        asked: what they are simulated with.
+
+    Attributes:
+        values: of the effects, in a row, (P,).
+        sizes: by how much each is changed for its sensitivity, (P,).
+        ends: the least and the largest values, (P,) each.
     """
 
-    new: list[np.ndarray]
-    past: np.ndarray
-    new_slopes: list[np.ndarray]
-    past_slopes: np.ndarray
+    def __init__(self, member: Member, motions: Sequence[Recording], asked: Asked) -> None:
+        self.fixed, self.motions, self.asked = member.fixed, motions, asked
+        model, low, high, values, sizes = asked.spec.copy().compile(), [], [], [], []
+        for effect, own in member.fixed:
+            parameters = effect.parameters(model)
+            away = [abs(v - p.neutral) for v, p in zip(own, parameters, strict=True)]
+            units = [p.unit for p in parameters]
+            for one, unit in zip(away, units, strict=True):
+                alike = [a for a, other in zip(away, units, strict=True) if other == unit]
+                sizes.append(CHANGE * (one or max(alike)))
+            values += own
+            low += [p.low for p in parameters]
+            high += [p.high for p in parameters]
+        self.values, self.sizes = np.array(values, float), np.array(sizes)
+        self.ends = np.array(low), np.array(high)
 
-    @staticmethod
-    def of(member: Member, motions: Sequence[Recording], asked: Asked) -> _View:
-        values = _flat(member.fixed)
-        steps = _within(values, _sizes(member.fixed, asked.spec), _ends(member.fixed, asked.spec))
-        predicted = _predicted(member.fixed, values, motions, asked)
-        slopes = [np.zeros((len(y), len(values))) for y in predicted]
+    def predicted(self, values: np.ndarray) -> list[np.ndarray]:
+        """Return what encoders tell of each motion (T M,), and of the past (S,), in noises."""
+        asked, place, fixed = self.asked, 0, []
+        for effect, own in self.fixed:
+            fixed.append((effect, tuple(values[place : place + len(own)].tolist())))
+            place += len(own)
+        columns, noise = list(asked.noise), np.array(list(asked.noise.values()))
+        effects = merge_effects(asked.fixed, fixed)
+        if asked.changed is None:
+            paths = trial(asked.spec, [*self.motions, *asked.past], fixed=effects)
+        else:
+            past = trial(asked.spec, asked.past, fixed=effects) if asked.past else []
+            paths = [*trial(asked.changed, self.motions, fixed=effects), *past]
+        told = [(path[:, columns] / noise).ravel() for path in paths]
+        new = len(self.motions)
+        return [*told[:new], np.concatenate([np.zeros(0), *told[new:]])]
+
+    def slopes(self, values: np.ndarray, made: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Return how the predictions `made` change with the values, (T M, P) and (S, P).
+
+        Values are changed upwards, else downwards; 0 where both leave a value's range.
+        """
+        low, high = self.ends
+        down = np.where(values - self.sizes >= low, -self.sizes, 0.0)
+        steps = np.where(values + self.sizes <= high, self.sizes, down)
+        slopes = [np.zeros((len(one), len(values))) for one in made]
         for place in np.flatnonzero(steps):
-            changed = _predicted(
-                member.fixed, values + steps * _unit(values, place), motions, asked
-            )
-            for slope, one, other in zip(slopes, changed, predicted, strict=True):
+            changed = self.predicted(values + steps * (np.arange(len(values)) == place))
+            for slope, one, other in zip(slopes, changed, made, strict=True):
                 slope[:, place] = (one - other) / steps[place]
-        return _View(predicted[:-1], predicted[-1], slopes[:-1], slopes[-1])
-
-    def left(self, other: _View, k: int, times: int) -> float:
-        """Return what a linear refit of this leaves of another explanation's motion k."""
-        off = np.concatenate([other.new[k] - self.new[k], other.past - self.past])
-        slopes = np.concatenate([self.new_slopes[k], self.past_slopes])
-        if not (np.isfinite(off).all() and np.isfinite(slopes).all()):
-            return np.nan
-        step = np.linalg.lstsq(slopes, off, rcond=None)[0]
-        return _size((off - slopes @ step)[: len(self.new[k])], times)
+        return slopes
 
 
-def _settled(robot: Member, member: Member, motion: Recording, asked: Asked) -> float:
+_View = tuple[list[np.ndarray], list[np.ndarray]]  # predictions and their slopes
+
+
+def _left(view: _View, other: _View, k: int, motion: Recording) -> float:
+    """Return what a linear refit leaves of another explanation's motion k."""
+    (made, slopes), (wanted, _) = view, other
+    off = np.concatenate([wanted[k] - made[k], wanted[-1] - made[-1]])
+    slope = np.concatenate([slopes[k], slopes[-1]])
+    if not (np.isfinite(off).all() and np.isfinite(slope).all()):
+        return np.nan
+    step = np.linalg.lstsq(slope, off, rcond=None)[0]
+    return _size((off - slope @ step)[: len(made[k])], motion)
+
+
+def _settled(robot: _Model, member: _Model, motion: Recording) -> float:
     """Return what is left of a robot's motion once a member has refitted, in noise floors."""
-    wanted = _predicted(robot.fixed, _flat(robot.fixed), [motion], asked)
-    sizes, ends = _sizes(member.fixed, asked.spec), _ends(member.fixed, asked.spec)
+    wanted = robot.predicted(robot.values)
 
     def off(values: np.ndarray) -> np.ndarray:
-        made = _predicted(member.fixed, values, [motion], asked)
-        return np.concatenate(wanted) - np.concatenate(made)
+        return np.concatenate(member.predicted(values)) - np.concatenate(wanted)
 
     def slopes(values: np.ndarray) -> np.ndarray:
-        error, steps = off(values), _within(values, sizes, ends)
-        moved = [off(values + step * _unit(values, k)) - error for k, step in enumerate(steps)]
-        return np.nan_to_num(np.stack(moved, axis=-1)) / np.where(steps, steps, 1.0)
+        return np.nan_to_num(np.concatenate(member.slopes(values, member.predicted(values))))
 
-    first = _flat(member.fixed)
-    error = off(first)
+    error = off(member.values)
     if np.isfinite(error).all():
         error = least_squares(
             off,
-            first,
+            member.values,
             jac=slopes,  # type: ignore[arg-type]
-            bounds=ends,
-            x_scale=sizes,
+            bounds=member.ends,
+            x_scale=member.sizes,
             max_nfev=TURNS,
         ).fun
-    return _size(error[: len(wanted[0])], len(motion.time))
+    return _size(error[: len(wanted[0])], motion)
 
 
-def _predicted(
-    fixed: Sequence[Fixed], values: np.ndarray, motions: Sequence[Recording], asked: Asked
-) -> list[np.ndarray]:
-    """Return what encoders tell of each motion and, last, of the past, in noises."""
-    columns, noise = list(asked.noise), np.array(list(asked.noise.values()))
-    effects = merge_effects(asked.fixed, _at(fixed, values))
-    if asked.changed is None:
-        paths = trial(asked.spec, [*motions, *asked.past], fixed=effects)
-    else:
-        past = trial(asked.spec, asked.past, fixed=effects) if asked.past else []
-        paths = [*trial(asked.changed, motions, fixed=effects), *past]
-    predicted = [(path[:, columns] / noise).ravel() for path in paths]
-    return [*predicted[: len(motions)], np.concatenate([np.zeros(0), *predicted[len(motions) :]])]
-
-
-def _flat(fixed: Sequence[Fixed]) -> np.ndarray:
-    """Return the effects' values in a row, (P,)."""
-    return np.concatenate([np.zeros(0), *(np.asarray(values, float) for _, values in fixed)])
-
-
-def _at(fixed: Sequence[Fixed], values: np.ndarray) -> list[Fixed]:
-    """Return the effects with values (P,)."""
-    parts = np.split(values, np.cumsum([len(own) for _, own in fixed])[:-1])
-    return [
-        (effect, tuple(map(float, part))) for (effect, _), part in zip(fixed, parts, strict=True)
-    ]
-
-
-def _ends(fixed: Sequence[Fixed], spec: mujoco.MjSpec) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least and the largest values, (P,) each."""
-    model = spec.copy().compile()
-    every = [parameter for effect, _ in fixed for parameter in effect.parameters(model)]
-    return np.array([p.low for p in every]), np.array([p.high for p in every])
-
-
-def _sizes(fixed: Sequence[Fixed], spec: mujoco.MjSpec) -> np.ndarray:
-    """Return by how much each value is changed for its sensitivity, (P,)."""
-    model, sizes = spec.copy().compile(), []
-    for effect, values in fixed:
-        parameters = effect.parameters(model)
-        away = [abs(v - p.neutral) for v, p in zip(values, parameters, strict=True)]
-        for own, parameter in zip(away, parameters, strict=True):
-            alike = [a for a, p in zip(away, parameters, strict=True) if p.unit == parameter.unit]
-            sizes.append(CHANGE * (own or max(alike)))
-    return np.array(sizes)
-
-
-def _within(
-    values: np.ndarray, sizes: np.ndarray, ends: tuple[np.ndarray, np.ndarray]
-) -> np.ndarray:
-    """Return the changes (P,) upwards, else downwards; 0 where both leave a value's range."""
-    low, high = ends
-    down = np.where(values - sizes >= low, -sizes, 0.0)
-    return np.where(values + sizes <= high, sizes, down)
-
-
-def _unit(values: np.ndarray, place: int | np.intp) -> np.ndarray:
-    """Return 1 at a place, else 0, (P,)."""
-    return (np.arange(len(values)) == place).astype(float)
-
-
-def _size(noises: np.ndarray, times: int) -> float:
+def _size(noises: np.ndarray, motion: Recording) -> float:
     """Return the distance, root mean square over time, summed over joints."""
-    return float(np.sqrt((noises**2).sum() / times))
+    return float(np.sqrt((noises**2).sum() / len(motion.time)))

@@ -82,43 +82,39 @@ def drawn(
 
 def menu(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> list[Item]:
     """Return the motions that a robot can be asked for; what its model cannot show is left out."""
-    usual = settings.motion_s, settings.size, 0
-    found = [Item(name, (kind,), *usual) for kind, name in WORDS.items()]
-    gain = Item(
-        "steps and holds at half the P gain",
-        ("steps", "hold"),
-        *usual,
-        settings.gain_s,
-        "halve the P gain",
-        partial(_scale_gain, HALF),
-        lambda robot: f"robot.registers.position_p_gain={_lower_gain(robot)}",
-    )
-    supply = Item(
-        f"steps and a chirp at {settings.supply:.0%} of the supply",
-        ("steps", "chirp"),
-        *usual,
-        settings.hand_s,
-        f"lower the supply's voltage to {settings.supply:.0%}",
-        partial(_scale_supply, settings.supply),
-    )
-    mass, degrees = _spare_mass(spec, settings), np.rad2deg(settings.tilt)
-    load = Item(
+    item = partial(Item, seconds=settings.motion_s, size=settings.size)
+    by_hand = partial(item, setup=settings.hand_s)
+    supply, mass, degrees = settings.supply, _spare_mass(spec, settings), np.rad2deg(settings.tilt)
+    load = by_hand(
         f"ramps and steps with {mass / GRAM:.0f} g at the end",
         ("ramp", "steps"),
-        *usual,
-        settings.hand_s,
-        f"fix {mass / GRAM:.0f} g to the end of the last link",
-        partial(_load, mass),
+        by_hand=f"fix {mass / GRAM:.0f} g to the end of the last link",
+        change=partial(_load, mass),
     )
-    tilt = Item(
-        f"ramps and holds with the base tilted by {degrees:.0f} degrees",
-        ("ramp", "hold"),
-        *usual,
-        settings.hand_s,
-        f"tilt the base by {degrees:.0f} degrees about its y axis",
-        partial(_tilt, settings.tilt),
-    )
-    return [*found, gain, supply, *([load] if mass > 0 else []), tilt]
+    return [
+        *(item(name, (kind,)) for kind, name in WORDS.items()),
+        item(
+            "steps and holds at half the P gain",
+            ("steps", "hold"),
+            setup=settings.gain_s,
+            by_hand="halve the P gain",
+            change=partial(_scale, HALF, 1.0),
+            override=lambda robot: f"robot.registers.position_p_gain={_lower_gain(robot)}",
+        ),
+        by_hand(
+            f"steps and a chirp at {supply:.0%} of the supply",
+            ("steps", "chirp"),
+            by_hand=f"lower the supply's voltage to {supply:.0%}",
+            change=partial(_scale, supply, supply),  # back-EMF does not go with the voltage
+        ),
+        *([load] if mass > 0 else []),
+        by_hand(
+            f"ramps and holds with the base tilted by {degrees:.0f} degrees",
+            ("ramp", "hold"),
+            by_hand=f"tilt the base by {degrees:.0f} degrees about its y axis",
+            change=partial(_tilt, settings.tilt),
+        ),
+    ]
 
 
 def _lower_gain(robot: Robot) -> int:
@@ -127,24 +123,14 @@ def _lower_gain(robot: Robot) -> int:
     return max(1, round(HALF * float(np.median(gains))))
 
 
-def _servos(spec: mujoco.MjSpec) -> list[int]:
+def _scale(gain: float, torque: float, spec: mujoco.MjSpec) -> None:
+    """Scale the position gains and the largest torques; what brakes stays."""
     model = spec.copy().compile()
-    return [i for i in range(model.nu) if is_joint_servo(model, i)]
-
-
-def _scale_gain(factor: float, spec: mujoco.MjSpec) -> None:
-    """Scale the position gains; what brakes stays."""
-    for i in _servos(spec):
-        gain, bias = (np.array(p) for p in (spec.actuators[i].gainprm, spec.actuators[i].biasprm))
-        gain[0], bias[1] = factor * gain[0], factor * bias[1]
-        spec.actuators[i].gainprm, spec.actuators[i].biasprm = gain, bias
-
-
-def _scale_supply(factor: float, spec: mujoco.MjSpec) -> None:
-    """Scale gain and largest torque: both go with the voltage, back-EMF does not."""
-    _scale_gain(factor, spec)
-    for i in _servos(spec):
-        spec.actuators[i].forcerange = factor * np.array(spec.actuators[i].forcerange)
+    for i in filter(partial(is_joint_servo, model), range(model.nu)):
+        actuator = spec.actuators[i]
+        actuator.gainprm[0] *= gain
+        actuator.biasprm[1] *= gain
+        actuator.forcerange = torque * np.array(actuator.forcerange)
 
 
 def _last_body(spec: mujoco.MjSpec) -> int:

@@ -4,7 +4,6 @@
     plan = next_experiment(members, spec, floor, rng=np.random.default_rng(0), robot=robot)
     plan.text                               # for a person
     plan.item.motions, plan.item.seconds    # for hardware.excite and run=record
-    plan.overrides                          # for the command line
 
 Each motion of a menu, and drawn ones if asked for, is simulated under every member. How far each
 pair of them is apart after each has refitted to what the other would show (`apart`) decides. A pair
@@ -15,7 +14,7 @@ squared noise, as far as it counts) by its time.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -26,7 +25,7 @@ from envs.effects.servo import is_joint_servo
 from envs.plant import Fixed
 from envs.replay import Recording
 from hardware.config import NO_MODEL, Robot, load_robot
-from hardware.excite import ExcitationPlan, excite
+from hardware.excite import excite
 from sim2real.diagnosis.data.noise_floor import rounding
 from sim2real.diagnosis.data.pairs import TWELVE_BITS, is_scalar
 from sim2real.diagnosis.data.recording import home
@@ -45,9 +44,8 @@ class Experiment:
     """What to record next.
 
     Args:
-        text: the recommendation in words.
+        text: the recommendation in words, with the command that records it.
         item: the motion.
-        overrides: overrides for `sim2real record`.
         separation: how far the two most similar members are apart there once they have refitted,
             in noise floors; of those that some motion parts, where there are any.
         most: how far any two members are apart in any motion: below `apart_min`, nothing that was
@@ -57,7 +55,6 @@ class Experiment:
 
     text: str
     item: Item
-    overrides: tuple[str, ...]
     separation: float
     most: float
     ranking: tuple[tuple[str, float], ...]
@@ -103,36 +100,39 @@ def next_experiment(
         raise Sim2RealError(f"{len(members)} explanation leaves nothing to separate; give two")
     machine = stand_in(spec, settings) if robot is None else robot
     falls = _falls(spec, machine, settings)
-    items = [*menu(spec, settings), *drawn(draws, rng, settings)]
     items = [
         item
-        for item in items
-        if item.seconds <= longest and not (falls and "swing" in item.motions)
+        for item in (*menu(spec, settings), *drawn(draws, rng, settings))
+        if item.seconds <= longest
+        and not (falls and "swing" in item.motions)
+        and (by_hand or item.change is None)
     ]
-    together = [item for item in items if item.change is None]  # one batch: the same model
-    apart = [item for item in items if item.change is not None and by_hand]
     asked = Asked(spec, _noise(spec, floor), tuple(past), tuple(fixed))
-    scores = [
-        scored
-        for group in ([together], [[item] for item in apart])
-        for some in group
-        if some
-        for scored in _scores(some, members, machine, asked, settings)
-    ]
+    together = [item for item in items if item.change is None]  # one batch: the same model
+    groups = [together, *([item] for item in items if item.change is not None)]
+    scores: list[Scored] = []
+    for some in filter(None, groups):
+        made = [_changed(item, asked, machine, settings) for item in some]
+        found = separation(members, [motion for _, motion in made], made[0][0])
+        scores += [one for one in zip(some, found, strict=True) if np.isfinite(one[1]).all()]
     if not scores:
         raise Sim2RealError("the model diverges in every motion under one of the explanations")
-    near = _Near(settings, scores)
-    best = _looked_at(scores, near, exact, partial(_exact, members, machine, asked, settings))
+
+    def refit(item: Item) -> np.ndarray:
+        changed, motion = _changed(item, asked, machine, settings)
+        return refitted(members, motion, changed)
+
+    best = _looked_at(scores, _Near(settings, scores), exact, refit)
     near = _Near(settings, best or scores)
-    item, distances = max(best or scores, key=near.worth)
-    known = [*best, *(one for one in scores if one[0] not in [item for item, _ in best])]
+    looked_at = [item for item, _ in best]
+    known = [*best, *(one for one in scores if one[0] not in looked_at)]
     known.sort(key=near.worth, reverse=True)
-    overrides = _overrides(item, robot)
-    parted = _Near(settings, known).parted
+    item, distances = max(best or scores, key=near.worth)
+    least, parted = near.least(distances), _Near(settings, known).parted
     alike = [pair for pair, apart in zip(pairs(members), parted, strict=True) if not apart]
-    text = _text(item, members, near, near.least(distances), alike, overrides)
+    text = _text(item, members, alike, least, bool(near.parted.any()), robot)
     ranking = tuple((other.name, near.least(found)) for other, found in known)
-    return Experiment(text, item, overrides, near.least(distances), near.most, ranking)
+    return Experiment(text, item, least, near.most, ranking)
 
 
 class _Near:
@@ -202,18 +202,15 @@ def stand_in(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> Robo
         Sim2RealError: the model has none.
     """
     model, known = spec.copy().compile(), load_robot(settings.robot)
-    servos = []
-    for i in range(model.nu):
-        if is_joint_servo(model, i):
-            joint = int(model.actuator_trnid[i, 0])
-            ranges = [
-                model.actuator_ctrlrange[i] if model.actuator_ctrllimited[i] else None,
-                model.jnt_range[joint] if model.jnt_limited[joint] else None,
-            ]
-            own = known.servos[0]
-            low, high = next((r for r in ranges if r is not None), own.position)
-            ends, name = (float(low), float(high)), model.actuator(i).name
-            servos.append(replace(own, name=name, id=len(servos), position=ends))
+    servos, own = [], known.servos[0]
+    for i in filter(partial(is_joint_servo, model), range(model.nu)):
+        joint, (low, high) = int(model.actuator_trnid[i, 0]), own.position
+        if model.actuator_ctrllimited[i]:
+            low, high = model.actuator_ctrlrange[i]
+        elif model.jnt_limited[joint]:
+            low, high = model.jnt_range[joint]
+        ends, name = (float(low), float(high)), model.actuator(i).name
+        servos.append(replace(own, name=name, id=len(servos), position=ends))
     if not servos:
         raise Sim2RealError("the model has no position actuator that an experiment could move")
     return replace(known, name="model", model=NO_MODEL, servos=tuple(servos))
@@ -231,36 +228,11 @@ def _noise(spec: mujoco.MjSpec, floor: Mapping[str, float]) -> dict[int, float]:
 
 def _changed(item: Item, asked: Asked, robot: Robot, settings: Limits) -> tuple[Asked, Recording]:
     """Return the model in a motion, what it changes in it done, and the motion."""
-    if item.change is None:
-        return asked, record_of(item, asked.spec.copy().compile(), robot, settings)
     spec = asked.spec.copy()
-    item.change(spec)
-    return asked._replace(changed=spec), record_of(item, spec.copy().compile(), robot, settings)
-
-
-def _scores(
-    items: Sequence[Item],
-    members: Sequence[Member],
-    robot: Robot,
-    asked: Asked,
-    settings: Limits,
-) -> Iterator[Scored]:
-    """Yield motions of one model and how far each pair of members is apart in them, (P,) floors.
-
-    Motions in which a member diverges are left out.
-    """
-    made = [_changed(item, asked, robot, settings) for item in items]
-    found = separation(members, [motion for _, motion in made], made[0][0])
-    for item, distances in zip(items, found, strict=True):
-        if np.isfinite(distances).all():
-            yield item, distances
-
-
-def _exact(
-    members: Sequence[Member], robot: Robot, asked: Asked, settings: Limits, item: Item
-) -> np.ndarray:
-    asked, motion = _changed(item, asked, robot, settings)
-    return refitted(members, motion, asked)
+    if item.change is not None:
+        item.change(spec)
+        asked = asked._replace(changed=spec)
+    return asked, record_of(item, spec.copy().compile(), robot, settings)
 
 
 def record_of(
@@ -268,21 +240,18 @@ def record_of(
 ) -> Recording:
     """Return a motion as a recording of commands, from rest in the robot's middle pose."""
     qpos, ctrl = home(model)
-    columns = [int(model.actuator(name).id) for name in robot.names]
+    columns, places = _places(model, robot)
     limits = np.array([servo.position for servo in robot.servos])
     pose = np.clip(ctrl[columns], *limits.T)
-    edge = np.minimum(pose - limits[:, 0], limits[:, 1] - pose) < settings.edge * np.ptp(
-        limits, axis=1
-    )
-    pose = np.where(edge, limits.mean(axis=1), pose)
+    room = np.minimum(pose - limits[:, 0], limits[:, 1] - pose) / np.ptp(limits, axis=1)
+    pose = np.where(room < settings.edge, limits.mean(axis=1), pose)
     rng = np.random.default_rng(item.seed)
-    plan: ExcitationPlan = excite(robot, pose, item.seconds, item.motions, rng, item.size)
+    plan = excite(robot, pose, item.seconds, item.motions, rng, item.size)
     commands = np.tile(ctrl, (len(plan.angles), 1))
     commands[:, columns] = plan.angles
     powered = np.ones(commands.shape, bool)
     powered[:, columns] = plan.torque[:, None]
-    for column, angle in zip(columns, pose, strict=True):
-        qpos[model.jnt_qposadr[model.actuator_trnid[column, 0]]] = angle
+    qpos[places] = pose
     time = np.arange(len(commands)) / robot.rate
     return Recording(time, commands, qpos, np.zeros(model.nv), powered)
 
@@ -293,41 +262,40 @@ def _falls(spec: mujoco.MjSpec, robot: Robot, settings: Limits) -> bool:
     rest = record_of(Item("a hold", ("hold",)), model, robot, settings)
     rows = int(settings.fall_s * robot.rate)
     off = np.zeros((rows, model.nu), bool)
-    (path,) = trial(
-        spec, [rest._replace(time=rest.time[:rows], ctrl=rest.ctrl[:rows], powered=off)]
-    )
-    places = [
-        int(model.jnt_qposadr[model.actuator_trnid[model.actuator(name).id, 0]])
-        for name in robot.names
-    ]
-    return not bool(np.abs(path[:, places] - path[0, places]).max() < settings.fallen)
+    free = rest._replace(time=rest.time[:rows], ctrl=rest.ctrl[:rows], powered=off)
+    path = trial(spec, [free])[0][:, _places(model, robot)[1]]
+    return not bool(np.abs(path - path[0]).max() < settings.fallen)
 
 
-def _overrides(item: Item, robot: Robot | None) -> tuple[str, ...]:
-    name = "NAME" if robot is None else robot.name
-    found = [f"robot={name}", f"motions=[{','.join(item.motions)}]", f"seconds={item.seconds:g}"]
-    if (item.size, item.seed) != (DEFAULT.experiment.size, 0):
-        found += [f"size={item.size:g}", f"seed={item.seed}"]
-    if item.override is not None and robot is not None:
-        found.append(item.override(robot))
-    return tuple(found)
+def _places(model: mujoco.MjModel, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the robot's servos stand in ctrl and in qpos, (n,) each."""
+    columns = np.array([model.actuator(name).id for name in robot.names])
+    return columns, model.jnt_qposadr[model.actuator_trnid[columns, 0]]
 
 
 def _text(
     item: Item,
     members: Sequence[Member],
-    near: _Near,
-    least: float,
     alike: Sequence[tuple[Member, Member]],
-    overrides: Sequence[str],
+    least: float,
+    parted: bool,
+    robot: Robot | None,
 ) -> str:
+    """Return what to record, the command for it, and how far apart members are there."""
+    name = "NAME" if robot is None else robot.name
+    words = [f"robot={name}", f"motions=[{','.join(item.motions)}]", f"seconds={item.seconds:g}"]
+    if (item.size, item.seed) != (DEFAULT.experiment.size, 0):
+        words += [f"size={item.size:g}", f"seed={item.seed}"]
+    first = f"First {item.by_hand}. " if item.by_hand else ""
+    if item.override is not None and robot is not None:
+        words.append(item.override(robot))
+        first = ""
     labels = [member.label for member in members]
-    names = f"{', '.join(labels[:-1])} and {labels[-1]}"
-    by_script = any("registers" in override for override in overrides)
-    first = f"First {item.by_hand}. " if item.by_hand and not by_script else ""
-    command = f"python -m sim2real run=record {' '.join(overrides)}"
-    text = f"To tell {names} apart, record {item.name}: {first}`{command}`. "
-    if not near.parted.any():
+    text = (
+        f"To tell {', '.join(labels[:-1])} and {labels[-1]} apart, record {item.name}: {first}"
+        f"`python -m sim2real run=record {' '.join(words)}`. "
+    )
+    if not parted:
         return (
             f"{text}Even there they are at most {least:.1f} times the noise apart once each has "
             "refitted: no motion that was looked at separates them on this robot, so in such "

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from envs.effects.contact import ground, soles
 from envs.effects.places import driven_joints
@@ -58,28 +59,29 @@ class Imu:
     """An IMU on the base.
 
     Args:
-        site: its name.
-        turn: the site's orientation in the base's frame, (4,) w x y z.
+        mount: its site's orientation in the base's frame.
         place: where it is in that frame [m], (3,).
-        orientation: quaternions of the site in the world (T, 4), or None.
+        orientation: of the site in the world, T of them, or None.
         gyro: angular velocity in the site's frame [rad/s], (T, 3), or None.
         acceleration: what it feels in the site's frame [m/s²], (T, 3), or None.
     """
 
-    site: str
-    turn: np.ndarray
+    mount: Rotation
     place: np.ndarray
-    orientation: np.ndarray | None
+    orientation: Rotation | None
     gyro: np.ndarray | None
     acceleration: np.ndarray | None
+
+    @property
+    def tells_turn(self) -> bool:
+        """Whether it says how the base is turned."""
+        integrated = self.gyro is not None and self.acceleration is not None
+        return self.orientation is not None or integrated
 
 
 def base_of(log: Log, model: mujoco.MjModel) -> Base | None:
     """Return the base that a log does not hold; None where there is none, or no ground."""
-    floors, feet = ground(model), soles(model)
-    if not (floors.size and feet.size):
-        return None
-    driven = driven_joints(model)
+    driven, floors = driven_joints(model), ground(model)
     above = {b for j in driven for b in carriers(model, int(model.jnt_bodyid[j]))}
     loose = [
         j
@@ -88,41 +90,40 @@ def base_of(log: Log, model: mujoco.MjModel) -> Base | None:
         and int(model.jnt_bodyid[j]) in above
         and not all(f"qpos.{n}" in log.columns for n in columns_of(model, j)[0])
     ]
-    free = [j for j in loose if int(model.jnt_type[j]) == FREE]
-    own = free[:1] or loose
-    if not own or not (free or all(int(model.jnt_type[j]) == SLIDE for j in loose)):
+    own = [j for j in loose if int(model.jnt_type[j]) == FREE][:1] or loose
+    kinds = {int(model.jnt_type[j]) for j in own}
+    if not kinds or not kinds <= {FREE, SLIDE}:
         return None  # the turn of an unlogged hinge would not be known
-    first, dof = int(model.jnt_qposadr[own[0]]), int(model.jnt_dofadr[own[0]])
-    none = np.zeros(0, int)
     body = int(model.jnt_bodyid[own[-1]])
-    standing = np.array(
-        [g for g in feet if body in carriers(model, int(model.geom_bodyid[g]))], int
-    )
-    if not standing.size:
+    standing = [g for g in soles(model) if body in carriers(model, int(model.geom_bodyid[g]))]
+    if not standing or not floors.size:
         return None
-    if free:
-        parts = (first + np.arange(3), dof + np.arange(3), first + 3 + np.arange(4))
-        return Base(tuple(own), body, *parts, dof + 3 + np.arange(3), standing, int(floors[0]))
-    qpos, dofs = (getattr(model, name)[own].astype(int) for name in ("jnt_qposadr", "jnt_dofadr"))
-    return Base(tuple(own), body, qpos, dofs, none, none, standing, int(floors[0]))
+    qpos, dofs = model.jnt_qposadr[own].astype(int), model.jnt_dofadr[own].astype(int)
+    turn, spin = np.zeros((2, 0), int)
+    if FREE in kinds:
+        qpos, turn = np.split(qpos + np.arange(7), [3])
+        dofs, spin = np.split(dofs + np.arange(6), [3])
+    return Base(tuple(own), body, qpos, dofs, turn, spin, np.array(standing), int(floors[0]))
 
 
 def imu_of(log: Log, model: mujoco.MjModel, base: Base) -> Imu | None:
     """Return the IMU of a log that is fixed on the base and says most; None where there is none."""
-    found = []
-    for i in range(model.nsite):
-        name = model.site(i).name
-        if int(model.site_bodyid[i]) != base.body:
-            continue
-        parts = [
-            _channel(log, [f"{kind}.{name}.{axis}" for axis in axes])
+    found = {}
+    for i in np.flatnonzero(model.site_bodyid == base.body):
+        quaternions, *rest = (
+            _channel(log, [f"{kind}.{model.site(i).name}.{axis}" for axis in axes])
             for kind, axes in (("quat", ("w", *AXES)), ("gyro", AXES), ("accelerometer", AXES))
-        ]
-        count = sum(part is not None for part in parts)
-        if count:
-            one = Imu(name, model.site_quat[i].copy(), model.site_pos[i].copy(), *parts)
-            found.append((count, one))
-    return max(found, key=lambda pair: pair[0])[1] if found else None
+        )
+        turn = None if quaternions is None else rotations(quaternions)
+        imu = Imu(rotations(model.site_quat[i]), model.site_pos[i].copy(), turn, *rest)
+        found.setdefault(sum(part is not None for part in (turn, *rest)), imu)
+    most = max(found, default=0)
+    return found[most] if most else None
+
+
+def rotations(quaternions: np.ndarray) -> Rotation:
+    """Return quaternions (4,) or (T, 4), w first, as rotations."""
+    return Rotation.from_quat(quaternions, scalar_first=True)
 
 
 def _channel(log: Log, names: list[str]) -> np.ndarray | None:

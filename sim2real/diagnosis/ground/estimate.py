@@ -1,7 +1,7 @@
 """Logs with the state of a base that nobody measured: estimated from encoders, IMU and contact.
 
-    estimate = estimated(log, model, settings)      # None: the base is held, or its pose is logged
-    estimate.log.column("qpos.root.3")              # as if it had been logged
+    estimates = estimate_all(logs, model, settings)     # [] where every base is held or logged
+    estimates[0].log.column("qpos.root.3")              # as if it had been logged
 
 Joint positions and speeds at a row's time are those of a parabola through three readings. The
 base's orientation is the IMU's (without one, of a robot that rests, that of the plane of its feet:
@@ -10,16 +10,17 @@ leave (`odometry`); a column `sensor.position_0` to `_2` (a tracker of the base)
 Heading and place on the ground change nothing and start at 0.
 """
 
+from collections.abc import Sequence
 from copy import copy
+from pathlib import Path
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from hardware.log import Log
-from sim2real.diagnosis.data.recording import columns_of, episode_rows, home
-from sim2real.diagnosis.ground.base import Base, Imu, base_of, imu_of
+from sim2real.diagnosis.data.recording import check_log, columns_of, home, load_model
+from sim2real.diagnosis.ground.base import Base, Imu, base_of, imu_of, rotations
 from sim2real.diagnosis.ground.feet import feet_of
 from sim2real.diagnosis.ground.leaning import leant
 from sim2real.diagnosis.ground.odometry import Push, Walk, walked
@@ -54,71 +55,60 @@ class Estimate(NamedTuple):
     felt: bool
 
 
-def estimated(log: Log, model: mujoco.MjModel, settings: Ground) -> Estimate | None:
-    """Return a log's states; None where its base is held, or logged.
+def estimate_all(logs: Sequence[Log], model: str | Path | None, settings: Ground) -> list[Estimate]:
+    """Return the estimate of each log; none at all where no log needs one.
 
     Args:
-        log: the log.
-        model: its model.
+        logs: of one robot.
+        model: an MJCF for all of them; None takes the one that each log names.
         settings: how sure each channel is.
 
     Raises:
-        Sim2RealError: a base that turns freely, has no IMU and does not rest on its soles.
+        Sim2RealError: a base that turns freely, has no IMU and does not rest on its soles, or one
+            that only some of the logs hold.
+        LogError: a log that names what its model lacks.
     """
+    found, held = list[Estimate](), list[Log]()
+    for log in logs:
+        compiled = load_model(log, model).compile()
+        check_log(log, compiled)
+        one = estimated(log, compiled, settings)
+        if one is None:
+            held.append(log)
+        else:
+            found.append(one)
+    if found and held:
+        raise Sim2RealError(
+            f"{held[0].path or 'a log'} contains the base's position and "
+            f"{found[0].log.path or 'another'} does not; diagnose them separately"
+        )
+    return found
+
+
+def estimated(log: Log, model: mujoco.MjModel, settings: Ground) -> Estimate | None:
+    """Return a log's states, where its base is neither held nor logged; raises as the above."""
     base = base_of(log, model)
     if base is None:
         return None
-    imu = imu_of(log, model, base)
-    felt = imu is not None and (imu.orientation is not None or _can_integrate(imu))
-    parts = []
-    for part, rows in zip(log.episodes(), episode_rows(log), strict=True):
-        made = _episode(part, model, base, _some(imu, rows) if felt else None, settings)
-        if made is None:
-            raise Sim2RealError(_refusal(log, model, base))
-        parts.append(made)
-    qpos, qvel, slope = (np.concatenate([part[k] for part in parts]) for k in (0, 1, 3))
-    walk = Walk(*(np.concatenate(one) for one in zip(*(part[2] for part in parts), strict=True)))
-    full = _with_columns(log, model, base, qpos, qvel)
-    return Estimate(full, base, qpos, qvel, walk, slope, parts[0][4], felt)
-
-
-def _can_integrate(imu: Imu) -> bool:
-    return imu.gyro is not None and imu.acceleration is not None
-
-
-def _refusal(log: Log, model: mujoco.MjModel, base: Base) -> str:
-    name = model.joint(base.joints[0]).name or model.body(base.body).name
-    site = next(
-        (model.site(i).name for i in range(model.nsite) if model.site_bodyid[i] == base.body),
-        "imu",
+    parts = [_episode(part, model, base, settings) for part in log.episodes()]
+    qpos, qvel, slope = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("qpos", "qvel", "slope")
     )
-    return (
-        f"{log.path or 'the log'}: the model's base {name!r} is free, it does not rest "
-        f"on three feet, and neither `qpos.{name}.0` to `qpos.{name}.6` nor an IMU on it is "
-        "logged: where it was when the "
-        f"recording's pieces begin is not known. Log `quat.{site}.w` to `.z`, or `gyro.{site}.x` "
-        f"and `accelerometer.{site}.x` to `.z` at a site of the model, or the pose (motion "
-        "capture); or hold the base still while you record, and give a model whose base is fixed"
-    )
+    walk = Walk(*(np.concatenate(one) for one in zip(*(p.walk for p in parts), strict=True)))
+    columns = dict(log.columns)
+    for joint in base.joints:  # as if they had been logged
+        places, speeds = columns_of(model, joint)
+        first, dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+        columns |= {f"qpos.{n}": qpos[:, first + k] for k, n in enumerate(places)}
+        columns |= {f"qvel.{n}": qvel[:, dof + k] for k, n in enumerate(speeds)}
+    full = Log(columns, log.meta, log.path)
+    return parts[0]._replace(log=full, qpos=qpos, qvel=qvel, walk=walk, slope=slope)
 
 
-def _some(imu: Imu | None, rows: slice) -> Imu | None:
-    """Return an IMU's channels in some rows."""
-    if imu is None:
-        return None
-    parts = (imu.orientation, imu.gyro, imu.acceleration)
-    own = [None if part is None else part[rows] for part in parts]
-    return Imu(imu.site, imu.turn, imu.place, *own)
-
-
-def _episode(
-    part: Log, model: mujoco.MjModel, base: Base, imu: Imu | None, settings: Ground
-) -> tuple[np.ndarray, np.ndarray, Walk, np.ndarray, np.ndarray] | None:
-    """Return qpos, qvel, the walk, how unsure speeds are, and the lift, of one episode.
-
-    None where nothing says how the base is turned.
-    """
-    count = len(part)
+def _episode(part: Log, model: mujoco.MjModel, base: Base, settings: Ground) -> Estimate:
+    """Return the states of one episode, whose log stays as it is."""
+    count, imu = len(part), imu_of(part, model, base)
     qpos, qvel = np.tile(home(model)[0], (count, 1)), np.zeros((count, model.nv))
     slope = np.full((count, model.nv), settings.speed_doubt)
     for j in range(model.njnt):
@@ -126,48 +116,55 @@ def _episode(
         if len(columns_of(model, j)[0]) == 1 and f"qpos.{name}" in part.columns:
             q, dof = int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
             qpos[:, q], qvel[:, dof], slope[:, dof] = _motion(part, name, settings)
-    if base.is_free:
-        how = _turns(part, model, base, imu, qpos, settings)
-        if how is None:
-            return None
-        qpos[:, base.turn], qvel[:, base.spin] = how
-        slope[:, base.spin] = settings.speed_doubt if imu is not None else settings.lean_spin_doubt
+    if imu is not None and not imu.tells_turn:
+        imu = None
+    if base.is_free and imu is not None:
+        qpos[:, base.turn], qvel[:, base.spin] = turned(part.time, imu, settings)
+    elif base.is_free:
+        qpos[:, base.turn], qvel[:, base.spin] = _rested(part, model, base, qpos, settings)
+        slope[:, base.spin] = settings.lean_spin_doubt
     feet = feet_of(model, base, qpos, qvel)
     felt = _felt(part.time, qpos, qvel, model, base, imu)
     walk = walked(part.time, feet, Push(felt, _flight(model, base)), settings)
-    speed, height = walk.speed, walk.height
     if base.is_free and all(name in part.columns for name in TRACKER):
         place = np.column_stack([part.column(name) for name in TRACKER])
-        speed = np.gradient(place, part.time, axis=0)
+        walk = walk._replace(speed=np.gradient(place, part.time, axis=0))
         qpos[:, base.qpos] = place
     else:
         step = np.diff(part.time, prepend=part.time[0])[:, None]
-        along = np.cumsum(speed * step, axis=0)
+        along = np.cumsum(walk.speed * step, axis=0)
         up = feet.lift / np.linalg.norm(feet.lift)
         along -= (along @ up)[:, None] * up
-        qpos[:, base.qpos] += along + height[:, None] * feet.lift
-    qvel[:, base.dofs] = speed
+        qpos[:, base.qpos] += along + walk.height[:, None] * feet.lift
+    qvel[:, base.dofs] = walk.speed
     slope[:, base.dofs] = np.clip(walk.unsure, *settings.walk_doubt)
-    return qpos, qvel, walk._replace(speed=speed), slope, feet.lift
+    return Estimate(part, base, qpos, qvel, walk, slope, feet.lift, imu is not None)
 
 
-def _turns(
-    part: Log,
-    model: mujoco.MjModel,
-    base: Base,
-    imu: Imu | None,
-    qpos: np.ndarray,
-    settings: Ground,
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return orientations (T, 4) and angular velocities (T, 3): the IMU's, else of its rest."""
-    if imu is not None:
-        return turned(part.time, imu, settings)
+def _rested(
+    part: Log, model: mujoco.MjModel, base: Base, qpos: np.ndarray, settings: Ground
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return orientations (T, 4) and angular velocities (T, 3) of a base that rests on its soles.
+
+    Raises:
+        Sim2RealError: it does not rest.
+    """
     turn = leant(model, base, qpos, settings)
-    if turn is None:
-        return None
-    spin = slopes(part.time, Rotation.from_quat(turn, scalar_first=True))
-    calm = np.sqrt(np.mean(spin**2)) < settings.lean_spin_doubt
-    return (turn, spin) if calm else None
+    if turn is not None:
+        spin = slopes(part.time, rotations(turn))
+        if np.sqrt(np.mean(spin**2)) < settings.lean_spin_doubt:
+            return turn, spin
+    name = model.joint(base.joints[0]).name or model.body(base.body).name
+    sites = [model.site(i).name for i in np.flatnonzero(model.site_bodyid == base.body)]
+    site = next(iter(sites), "imu")
+    raise Sim2RealError(
+        f"{part.path or 'the log'}: the model's base {name!r} is free, it does not rest "
+        f"on three feet, and neither `qpos.{name}.0` to `qpos.{name}.6` nor an IMU on it is "
+        "logged: where it was when the "
+        f"recording's pieces begin is not known. Log `quat.{site}.w` to `.z`, or `gyro.{site}.x` "
+        f"and `accelerometer.{site}.x` to `.z` at a site of the model, or the pose (motion "
+        "capture); or hold the base still while you record, and give a model whose base is fixed"
+    )
 
 
 def _motion(part: Log, joint: str, settings: Ground) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -198,10 +195,9 @@ def _felt(
         return None
     spin = qvel[:, base.spin]
     turning = np.gradient(spin, time, axis=0)
-    mount = Rotation.from_quat(imu.turn, scalar_first=True)
     lever = np.cross(turning, imu.place) + np.cross(spin, np.cross(spin, imu.place))
-    turn = Rotation.from_quat(qpos[:, base.turn], scalar_first=True)
-    return turn.apply(mount.apply(imu.acceleration) - lever) + model.opt.gravity
+    turn = rotations(qpos[:, base.turn])
+    return turn.apply(imu.mount.apply(imu.acceleration) - lever) + model.opt.gravity
 
 
 def _flight(model: mujoco.MjModel, base: Base) -> np.ndarray:
@@ -213,16 +209,3 @@ def _flight(model: mujoco.MjModel, base: Base) -> np.ndarray:
     data.qpos[:] = home(model)[0]
     mujoco.mj_forward(alone, data)
     return data.qacc[base.dofs].copy()
-
-
-def _with_columns(
-    log: Log, model: mujoco.MjModel, base: Base, qpos: np.ndarray, qvel: np.ndarray
-) -> Log:
-    """Return a log with the base's positions and speeds as if they had been logged."""
-    columns = dict(log.columns)
-    for joint in base.joints:
-        places, speeds = columns_of(model, joint)
-        first, dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
-        columns |= {f"qpos.{n}": qpos[:, first + k] for k, n in enumerate(places)}
-        columns |= {f"qvel.{n}": qvel[:, dof + k] for k, n in enumerate(speeds)}
-    return Log(columns, log.meta, log.path)

@@ -26,11 +26,6 @@ class Feet(NamedTuple):
     normal: np.ndarray  # (3,) of the ground
     lift: np.ndarray  # (n,) of the base's linear positions that raises it by 1 m
 
-    @property
-    def count(self) -> int:
-        """F."""
-        return self.gap.shape[1]
-
 
 def feet_of(model: mujoco.MjModel, base: Base, qpos: np.ndarray, qvel: np.ndarray) -> Feet:
     """Return what the soles do in poses (T, nq) at speeds (T, nv)."""

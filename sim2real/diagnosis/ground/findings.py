@@ -12,9 +12,7 @@ import mujoco
 import numpy as np
 from scipy.ndimage import convolve1d
 from scipy.optimize import brute
-from scipy.spatial.transform import Rotation
 
-from sim2real.diagnosis.data.recording import episode_rows
 from sim2real.diagnosis.ground.base import imu_of
 from sim2real.diagnosis.ground.estimate import Estimate
 from sim2real.diagnosis.ground.turns import level, slopes
@@ -90,20 +88,17 @@ def _slips(
 
 def _gyros(pairs: Sequence[tuple[Estimate, mujoco.MjModel]], settings: Ground) -> Iterator[Finding]:
     """Bias, scale and latency of a gyro, against the slope of the orientation."""
-    said, turned, steps, edge = [], [], [], EDGE
+    said, turned, shifts, inner = [], [], [], slice(EDGE, -EDGE)
     for estimate, model in pairs:
-        imu = imu_of(estimate.log, model, estimate.base)
-        if imu is None or imu.gyro is None or imu.orientation is None:
-            return
-        for rows in episode_rows(estimate.log):
-            time = estimate.log.time[rows]
-            turn = Rotation.from_quat(imu.orientation[rows], scalar_first=True)
-            said.append(convolve1d(imu.gyro[rows], SIMPSON, axis=0)[edge:-edge])
-            turned.append(slopes(time, turn))
-            steps.append(float(np.median(np.diff(time))))
-    truth = np.concatenate([one[edge:-edge] for one in turned])
-    gyro, step = np.concatenate(said), float(np.median(steps))
-    shift = np.concatenate([np.gradient(one, axis=0)[edge:-edge] for one in turned]) / step
+        for part in estimate.log.episodes():
+            imu = imu_of(part, model, estimate.base)
+            if imu is None or imu.gyro is None or imu.orientation is None:
+                return
+            slope = slopes(part.time, imu.orientation)
+            said.append(convolve1d(imu.gyro, SIMPSON, axis=0)[inner])
+            turned.append(slope[inner])
+            shifts.append(np.gradient(slope, part.time, axis=0)[inner])
+    gyro, truth, shift = (np.concatenate(parts) for parts in (said, turned, shifts))
     for axis, name in enumerate("xyz"):
         ways = np.column_stack([truth[:, axis], -shift[:, axis], np.ones(len(truth))])
         (scale, late, bias), *_ = np.linalg.lstsq(ways, gyro[:, axis], rcond=None)

@@ -11,9 +11,8 @@ from itertools import combinations
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from sim2real.diagnosis.ground.base import Base
+from sim2real.diagnosis.ground.base import Base, rotations
 from sim2real.diagnosis.ground.turns import uprighted
 from sim2real.diagnosis.settings import Ground
 
@@ -34,7 +33,7 @@ def leant(
     if len(base.soles) < CORNERS:
         return None
     data, ups, rests = mujoco.MjData(model), [], []
-    upright = _rotation(qpos[0, base.turn]).inv().apply([0.0, 0.0, 1.0])
+    upright = rotations(qpos[0, base.turn]).inv().apply([0.0, 0.0, 1.0])
     for pose in qpos:
         data.qpos[:] = pose
         data.qpos[base.turn] = np.eye(len(base.turn))[0]
@@ -47,10 +46,6 @@ def leant(
     if np.mean(rests) < settings.rests:
         return None
     return uprighted(np.array(ups)).as_quat(scalar_first=True)
-
-
-def _rotation(turn: np.ndarray) -> Rotation:
-    return Rotation.from_quat(turn, scalar_first=True)
 
 
 def _carried(

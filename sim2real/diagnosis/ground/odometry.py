@@ -59,8 +59,8 @@ def walked(time: np.ndarray, feet: Feet, push: Push, settings: Ground) -> Walk:
         across = moving - (moving @ feet.normal)[..., None] * feet.normal
         slip = np.linalg.norm(across, axis=2)
     firm = (touch / (1.0 + (slip / settings.slip_m_s) ** 2)).max(axis=1) > settings.stands
-    adrift = _adrift(time, firm)[:, None] * _doubt(touch, push, settings)[:, None]  # (T, 1) m/s
-    return Walk(speed, height, touch, slip, np.hypot(unsure, adrift))
+    adrift = _adrift(time, firm) * _pushed(touch, push, settings)[1]  # (T,) m/s
+    return Walk(speed, height, touch, slip, np.hypot(unsure, adrift[:, None]))
 
 
 def _adrift(time: np.ndarray, firm: np.ndarray) -> np.ndarray:
@@ -73,12 +73,13 @@ def _adrift(time: np.ndarray, firm: np.ndarray) -> np.ndarray:
     return np.minimum(np.abs(time - near[after]), np.abs(time - near[before]))
 
 
-def _doubt(touch: np.ndarray, push: Push, settings: Ground) -> np.ndarray:
-    """Return by how much the base's acceleration may deviate from what is known [m/s²], (T,)."""
+def _pushed(touch: np.ndarray, push: Push, settings: Ground) -> tuple[np.ndarray, np.ndarray]:
+    """Return accelerations of the base [m/s²]: between rows, (T - 1, n), and how sure, (T,)."""
     if push.felt is not None:
-        return np.full(len(touch), settings.felt_m_s2)
+        return (push.felt[1:] + push.felt[:-1]) / 2, np.full(len(touch), settings.felt_m_s2)
     ground = np.minimum(touch.sum(axis=1), 1.0)
-    return settings.flight_m_s2 + ground * (settings.stance_m_s2 - settings.flight_m_s2)
+    doubt = settings.flight_m_s2 + ground * (settings.stance_m_s2 - settings.flight_m_s2)
+    return (1 - ground[:-1])[:, None] * push.flight, doubt
 
 
 def _carried(time: np.ndarray, lowest: np.ndarray, fall: float, settings: Ground) -> np.ndarray:
@@ -107,34 +108,22 @@ def _speeds(
     settings: Ground,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the speeds (T, n) that let soles stand, and their standard deviations."""
-    count, size = feet.way.shape[0], feet.way.shape[3]
     along = feet.normal
     weight = still[..., None, None] * (np.eye(3) - np.outer(along, along))
     weight = weight + touch[..., None, None] * np.outer(along, along)
     weight = weight / settings.sole_m_s**2  # (T, F, 3, 3)
     curve = np.einsum("tfin,tfij,tfjm->tnm", feet.way, weight, feet.way)
     down = -np.einsum("tfin,tfij,tfj->tn", feet.way, weight, feet.drift)
-    step, doubt = np.diff(time), _doubt(touch, push, settings)[:-1]
-    if push.felt is None:
-        ground = np.minimum(touch.sum(axis=1), 1.0)[:-1]
-        pushed = (1 - ground)[:, None] * push.flight
-    else:
-        pushed = (push.felt[1:] + push.felt[:-1]) / 2
-    stiff = 1.0 / (doubt * step) ** 2  # (T - 1,)
-    gain = pushed * step[:, None]
-    blocks = curve + settings.prior * np.eye(size)
-    blocks[:-1] += stiff[:, None, None] * np.eye(size)
-    blocks[1:] += stiff[:, None, None] * np.eye(size)
-    down[1:] += stiff[:, None] * gain
-    down[:-1] -= stiff[:, None] * gain
-    found = solveh_banded(_banded(blocks, stiff), down.ravel(), lower=False)
+    (pushed, doubt), step = _pushed(touch, push, settings), np.diff(time)
+    stiff = 1.0 / (doubt[:-1] * step) ** 2  # (T - 1,)
+    speed = _chained(curve, down, stiff, pushed * step[:, None], settings.prior)
     near = np.zeros_like(curve)  # what the neighbours say reaches a row through its stiffness
     for shift in (1, -1):
         other = np.roll(curve, shift, axis=0)
         link = np.roll(np.append(stiff, 0.0), max(shift, 0))[:, None, None]
         near += other * link / (link + np.trace(other, axis1=1, axis2=2)[:, None, None] + TINY)
-    spread = np.linalg.inv(curve + near + settings.prior * np.eye(size))
-    return found.reshape(count, size), np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
+    spread = np.linalg.inv(curve + near + settings.prior * np.eye(speed.shape[1]))
+    return speed, np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
 
 
 def _heights(
@@ -146,20 +135,29 @@ def _heights(
     weight = still / settings.sole_m**2
     curve, down = weight.sum(axis=1), -(weight * feet.gap).sum(axis=1)
     stiff = np.full(len(rise), 1.0 / settings.sole_m**2)
-    blocks = curve + settings.prior
-    blocks[:-1] += stiff
-    blocks[1:] += stiff
-    down[1:] += stiff * rise
-    down[:-1] -= stiff * rise
-    return solveh_banded(_banded(blocks[:, None, None], stiff), down)
+    return _chained(curve[:, None, None], down[:, None], stiff, rise[:, None], settings.prior)[:, 0]
 
 
-def _banded(blocks: np.ndarray, stiff: np.ndarray) -> np.ndarray:
-    """Return a block-tridiagonal matrix in upper banded form: blocks (T, n, n), -stiff between."""
-    count, size, _ = blocks.shape
-    made = np.zeros((size + 1, count * size))
+def _chained(
+    curve: np.ndarray, down: np.ndarray, stiff: np.ndarray, gain: np.ndarray, prior: float
+) -> np.ndarray:
+    """Return the n numbers of each row, (T, n), that leave the least square.
+
+    Args:
+        curve: what each row says of its own: X'X, (T, n, n).
+        down: X'y of it, (T, n).
+        stiff: weight of each step between rows, (T - 1,).
+        gain: the numbers' change in each step, (T - 1, n).
+        prior: weight of 0.
+    """
+    count, size = down.shape
+    blocks, right = curve + prior * np.eye(size), down.copy()
+    for rows, sign in ((slice(1, None), 1.0), (slice(-1), -1.0)):
+        blocks[rows] += stiff[:, None, None] * np.eye(size)
+        right[rows] += sign * stiff[:, None] * gain
+    banded = np.zeros((size + 1, count * size))  # the upper half of a block-tridiagonal matrix
     for row in range(size):
         for column in range(row, size):
-            made[size - (column - row), column::size] = blocks[:, row, column]
-    made[0, size:] = np.repeat(-stiff, size)
-    return made
+            banded[size - (column - row), column::size] = blocks[:, row, column]
+    banded[0, size:] = np.repeat(-stiff, size)
+    return solveh_banded(banded, right.ravel()).reshape(count, size)

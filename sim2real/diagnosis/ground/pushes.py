@@ -13,7 +13,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.recording import episode_rows
 from sim2real.diagnosis.ground.estimate import Estimate
@@ -24,24 +23,17 @@ SHOWN = 3  # moments that a sentence names
 
 
 def is_pushed(data: Data, error: np.ndarray) -> np.ndarray:
-    """Return which windows are pushed, (W,) bool, from errors of the model as given (W, T, M)."""
-    settings, size = data.settings.ground, _turned(data, error)
+    """Return which windows are pushed, (W,) bool, from errors of the model as given (W, T, M).
+
+    None are, where these would be many, or all of a log: the model is wrong there.
+    """
+    settings = data.settings.ground
+    turn = ["." in joint.name and joint.scale < 1 for joint in data.joints]
+    size = np.sqrt(data.window_squares(error[..., turn]))  # rad, of the base's turn
     far = size > max(settings.push_times * float(np.median(size)), settings.told_rad)
-    return far if _is_odd(data, far) else np.zeros(len(error), bool)
-
-
-def _turned(data: Data, error: np.ndarray) -> np.ndarray:
-    """Return the error of the base's turn in each window, root mean square [rad], (W,)."""
-    turn = np.array(["." in joint.name and joint.scale < 1 for joint in data.joints])
-    rows = np.maximum(data.mask.sum(axis=1), 1)
-    return np.sqrt((error[..., turn] ** 2).sum(axis=(1, 2)) / rows)
-
-
-def _is_odd(data: Data, far: np.ndarray) -> bool:
-    """Return whether windows (W,) are few, and not all of a log: else the model is wrong there."""
     logs = np.array([window.log for window in data.windows])
     whole = any(far[logs == log].all() for log in set(logs.tolist()))
-    return bool(far.mean() <= data.settings.ground.told_share) and not whole
+    return far & (not whole and far.mean() <= settings.told_share)
 
 
 def rows_of(estimate: Estimate, settings: Ground) -> list[tuple[int, int, int]]:
@@ -66,25 +58,19 @@ def check_pushes(data: Data, estimates: Sequence[Estimate], settings: Ground) ->
     """
     found = []
     for number, estimate in enumerate(estimates):
-        kept = {window.start for window in data.windows if window.log == number}
+        kept, log = {w.start for w in data.windows if w.log == number}, estimate.log
         rows = [start for start, _, _ in rows_of(estimate, settings) if start not in kept]
-        log = estimate.log
-        name = log.path.name if log.path else f"log {number + 1}"
+        times = ", ".join(f"{log.time[row]:.2f}" for row in rows[:SHOWN]) + " s"
+        more = f" and {len(rows) - SHOWN} more" if len(rows) > SHOWN else ""
         if rows:
             found.append(
                 Finding(
                     "push",
                     None,
-                    f"{name}: something moved the base that no other moment shows, in the windows "
-                    f"that begin at {_moments(log, rows)} (a push, a hit, a hand, a jump of the "
-                    "IMU). They are left out.",
+                    f"{log.path.name if log.path else f'log {number + 1}'}: something moved the "
+                    "base that no other moment shows, in the windows that begin at "
+                    f"{times}{more} (a push, a hit, a hand, a jump of the IMU). They are left out.",
                     "Look at what happened there; record again if it is more than a moment.",
                 )
             )
     return found
-
-
-def _moments(log: Log, rows: Sequence[int]) -> str:
-    """Return the times of some rows in words."""
-    times = ", ".join(f"{log.time[row]:.2f}" for row in rows[:SHOWN])
-    return f"{times} s" + (f" and {len(rows) - SHOWN} more" if len(rows) > SHOWN else "")

@@ -13,11 +13,9 @@ import mujoco
 import numpy as np
 
 from envs.replay import Recording
-from sim2real.diagnosis.ground.base import SLIDE
+from sim2real.diagnosis.data.pairs import is_scalar
 from sim2real.diagnosis.ground.estimate import Estimate
 from sim2real.diagnosis.settings import Ground
-
-HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 
 
 class Unknowns(NamedTuple):
@@ -30,47 +28,26 @@ class Unknowns(NamedTuple):
 
 def unknowns(estimate: Estimate, model: mujoco.MjModel, row: int, settings: Ground) -> Unknowns:
     """Return the directions in which the state of a row may be off."""
-    base, size = estimate.base, model.nv
-    place, speed, known = [], [], []
-
-    def add(where: np.ndarray, of_speed: bool, doubt: float, tight: float | None = None) -> None:
-        place.append(np.zeros(size) if of_speed else doubt * where)
-        speed.append(doubt * where if of_speed else np.zeros(size))
-        known.append(1.0 if tight is None else min(tight / doubt, 1.0))
-
-    axes = np.eye(size)
-    up = np.zeros(size)
-    up[base.dofs] = estimate.lift
-    add(up, False, settings.height_doubt)
+    base, axes, slope = estimate.base, np.eye(model.nv), estimate.slope[row]
+    up = axes[base.dofs].T @ estimate.lift
+    turn = settings.turn_doubt if estimate.felt else settings.lean_doubt
+    ways = [(0, up, settings.height_doubt, settings.height_doubt)]  # position or speed, and doubts
     for dof in base.spin:
-        add(axes[dof], False, settings.turn_doubt if estimate.felt else settings.lean_doubt)
-        add(axes[dof], True, float(estimate.slope[row, dof]))
-    for dof in base.dofs:
-        add(axes[dof], True, float(estimate.slope[row, dof]))
-    for dof in _joints(model, estimate):
-        usual = float(np.sqrt(np.mean(estimate.qvel[:, dof] ** 2)))
-        change = np.diff(estimate.qvel[:, dof])
-        jump = float(np.sqrt(np.mean(change**2)))
-        add(
-            axes[dof],
-            False,
-            settings.error_rad + settings.late_doubt * usual,
-            settings.error_rad,
-        )
-        add(axes[dof], True, settings.speed_doubt + jump, float(estimate.slope[row, dof]))
-    return Unknowns(np.array(place), np.array(speed), np.array(known))
-
-
-def _joints(model: mujoco.MjModel, estimate: Estimate) -> list[int]:
-    """Return the dofs of hinges and slides that were logged."""
-    kinds = [int(kind) for kind in model.jnt_type]
-    return [
-        int(model.jnt_dofadr[j])
-        for j in range(model.njnt)
-        if kinds[j] in (HINGE, SLIDE)
-        and j not in estimate.base.joints
-        and f"qpos.{model.joint(j).name}" in estimate.log.columns
-    ]
+        ways += [(0, axes[dof], turn, turn), (1, axes[dof], slope[dof], slope[dof])]
+    ways += [(1, axes[dof], slope[dof], slope[dof]) for dof in base.dofs]
+    for j in range(model.njnt):
+        logged = f"qpos.{model.joint(j).name}" in estimate.log.columns
+        if j in base.joints or not is_scalar(model, j) or not logged:
+            continue
+        dof = int(model.jnt_dofadr[j])
+        speed = estimate.qvel[:, dof]
+        usual, jump = (float(np.sqrt(np.mean(x**2))) for x in (speed, np.diff(speed)))
+        late = settings.error_rad + settings.late_doubt * usual
+        ways.append((0, axes[dof], late, settings.error_rad))
+        ways.append((1, axes[dof], settings.speed_doubt + jump, slope[dof]))
+    part, direction, doubt, known = (np.array(column) for column in zip(*ways, strict=True))
+    place, speed = (doubt[:, None] * direction * (part == k)[:, None] for k in (0, 1))
+    return Unknowns(place, speed, np.minimum(known / doubt, 1.0))
 
 
 def moved(

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
-from sim2real.diagnosis.ground.base import Imu
+from sim2real.diagnosis.ground.base import Imu, rotations
 from sim2real.diagnosis.settings import TINY, Ground
 
 
@@ -17,13 +17,12 @@ def turned(time: np.ndarray, imu: Imu, settings: Ground) -> tuple[np.ndarray, np
     Without an orientation the gyro is integrated and brought upright by what the accelerometer
     feels over `upright_s`; without a gyro the speed is the slope of the orientation.
     """
-    mount = _rotation(imu.turn[None])[0]
-    spin = None if imu.gyro is None else mount.apply(imu.gyro)
+    spin = None if imu.gyro is None else imu.mount.apply(imu.gyro)
     if imu.orientation is not None:
-        turn = _rotation(imu.orientation) * mount.inv()
+        turn = imu.orientation * imu.mount.inv()
     else:
         assert spin is not None
-        turn = _upright(time, _integrated(time, spin), mount, imu, settings)
+        turn = _upright(time, _integrated(time, spin), imu, settings)
     if spin is None:
         spin = slopes(time, turn)
     return turn.as_quat(scalar_first=True), spin
@@ -41,18 +40,13 @@ def slopes(time: np.ndarray, turn: Rotation) -> np.ndarray:
 
 def level(turn: np.ndarray) -> np.ndarray:
     """Return orientations (T, 4) with the heading of the first taken out."""
-    own = _rotation(turn)
-    return (Rotation.from_rotvec([0.0, 0.0, -heading(turn[0])]) * own).as_quat(scalar_first=True)
+    return (back(turn[0]) * rotations(turn)).as_quat(scalar_first=True)
 
 
-def heading(turn: np.ndarray) -> float:
-    """Return the turn about the vertical of an orientation (4,) [rad]."""
+def back(turn: np.ndarray) -> Rotation:
+    """Return the rotation about the vertical that takes the heading out of an orientation (4,)."""
     w, x, y, z = turn
-    return float(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
-
-
-def _rotation(quaternions: np.ndarray) -> Rotation:
-    return Rotation.from_quat(quaternions, scalar_first=True)
+    return Rotation.from_rotvec([0, 0, -np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))])
 
 
 def _integrated(time: np.ndarray, spin: np.ndarray) -> Rotation:
@@ -65,16 +59,13 @@ def _integrated(time: np.ndarray, spin: np.ndarray) -> Rotation:
     return Rotation.concatenate(found)
 
 
-def _upright(
-    time: np.ndarray, turn: Rotation, mount: Rotation, imu: Imu, settings: Ground
-) -> Rotation:
+def _upright(time: np.ndarray, turn: Rotation, imu: Imu, settings: Ground) -> Rotation:
     """Return orientations whose mean felt acceleration points up."""
     assert imu.acceleration is not None
-    felt = turn.apply(mount.apply(imu.acceleration))  # in the frame of the first row
+    felt = turn.apply(imu.mount.apply(imu.acceleration))  # in the frame of the first row
     width = max(round(settings.upright_s / float(np.median(np.diff(time)))), 1)
     up = uniform_filter1d(felt, width, axis=0, mode="nearest")
-    up /= np.linalg.norm(up, axis=1, keepdims=True)
-    return uprighted(up) * turn
+    return uprighted(up / np.linalg.norm(up, axis=1, keepdims=True)) * turn
 
 
 def uprighted(up: np.ndarray) -> Rotation:

@@ -21,7 +21,7 @@ from sim2real.diagnosis.data.windows import Joint, Window, cut_one
 from sim2real.diagnosis.ground.estimate import Estimate
 from sim2real.diagnosis.ground.pushes import is_pushed, rows_of
 from sim2real.diagnosis.ground.starts import Unknowns, clear_starts, moved, unknowns
-from sim2real.diagnosis.ground.turns import heading, level
+from sim2real.diagnosis.ground.turns import back, level
 from sim2real.diagnosis.settings import Ground
 
 HALF = 0.5  # a quaternion's vector part over the angle that it turns by
@@ -37,14 +37,12 @@ def grounded(data: Data, estimates: Sequence[Estimate], fixed: Sequence[Fixed] =
         fixed: effects that are known.
     """
     settings = data.settings.ground
-    joints = _joints(data, estimates, settings)
-    plain = replace(data, joints=tuple(joints))
+    plain = replace(data, joints=tuple(_joints(data, estimates, settings)))
     windows, doubts = [], []
     for number, estimate in enumerate(estimates):
         model = data.models[data.which[number]]
         for rows in rows_of(estimate, settings):
-            window = _window(plain, number, estimate, rows)
-            windows.append(window)
+            windows.append(_window(plain, number, estimate, rows))
             doubts.append(unknowns(estimate, model, rows[0], settings))
     cut = plain.with_windows(windows)
     error, ways = _responses(cut, doubts, fixed)
@@ -61,7 +59,7 @@ def _joints(data: Data, estimates: Sequence[Estimate], settings: Ground) -> list
     found = [joint for joint in data.joints if joint.name not in loose]
     if len({joint.unit for joint in found}) == 1:
         found = [joint._replace(scale=1.0) for joint in found]
-    if base.is_free and _is_felt(estimates):
+    if base.is_free and all(estimate.felt for estimate in estimates):  # else no IMU says it
         name, first = model.joint(base.joints[0]).name, int(base.turn[0])
         floor = HALF * settings.error_rad
         for k in PARTS:
@@ -69,11 +67,6 @@ def _joints(data: Data, estimates: Sequence[Estimate], settings: Ground) -> list
             place, spread = first + k - 3, float(column.std())
             found.append(Joint(f"{name}.{k}", place, "rad", 0.0, spread, HALF, floor))
     return found
-
-
-def _is_felt(estimates: Sequence[Estimate]) -> bool:
-    """Return whether an IMU said how the base is turned, in every log."""
-    return all(estimate.felt for estimate in estimates)
 
 
 def _window(data: Data, number: int, estimate: Estimate, rows: tuple[int, int, int]) -> Window:
@@ -86,35 +79,33 @@ def _window(data: Data, number: int, estimate: Estimate, rows: tuple[int, int, i
     if base.is_free:
         turn = level(estimate.qpos[start:last, base.turn])
         turn *= np.where(turn @ turn[0] < 0, -1.0, 1.0)[:, None]
-        qvel[base.dofs] = _ahead(estimate.qpos[start, base.turn], qvel[base.dofs])
+        qvel[base.dofs] = back(estimate.qpos[start, base.turn]).apply(qvel[base.dofs])
         qpos[base.turn] = turn[0]
         if data.joints[-1].scale == HALF:  # its turn is compared
             said[:, -len(PARTS) :] = turn[first - start :, 1:]
     return window._replace(recording=window.recording._replace(qpos=qpos, qvel=qvel), measured=said)
 
 
-def _ahead(turn: np.ndarray, speed: np.ndarray) -> np.ndarray:
-    """Return a speed (3,) in a world whose heading is that of a turn."""
-    own = heading(turn)
-    back = np.array([[np.cos(own), np.sin(own)], [-np.sin(own), np.cos(own)]])
-    return np.array([*(back @ speed[:2]), speed[2]])
+def _started(
+    data: Data, windows: Sequence[Window], doubts: Sequence[Unknowns], amounts: np.ndarray
+) -> list[Window]:
+    """Return windows (n,) whose starts are off by amounts (n, D) of the unknowns."""
+    models = [data.models[window.model] for window in windows]
+    starts = zip(models, windows, doubts, amounts, strict=True)
+    return [w._replace(recording=moved(m, w.recording, doubt, own)) for m, w, doubt, own in starts]
 
 
 def _responses(
     data: Data, doubts: Sequence[Unknowns], fixed: Sequence[Fixed]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return errors (W, T, M), and their change by one deviation of each unknown (W, T, M, D)."""
-    count = len(doubts[0].place)
-    steps = np.vstack([np.zeros(count), np.eye(count)])
-    starts = [
-        window._replace(
-            recording=moved(data.models[window.model], window.recording, doubt, amounts)
-        )
-        for window, doubt in zip(data.windows, doubts, strict=True)
-        for amounts in steps
-    ]
+    count, size = len(doubts), len(doubts[0].place)
+    amounts = np.vstack([np.zeros(size), np.eye(size)])
+    each = [k for k in range(count) for _ in amounts]
+    some = [data.windows[k] for k in each]
+    starts = _started(data, some, [doubts[k] for k in each], np.tile(amounts, (count, 1)))
     error = errors_as_given(data, starts, fixed)
-    error = error.reshape(len(doubts), len(steps), *error.shape[1:])
+    error = error.reshape(count, len(amounts), *error.shape[1:])
     return error[:, 0], np.moveaxis(error[:, 1:] - error[:, :1], 1, -1)
 
 
@@ -135,19 +126,12 @@ def _refined(
     curve += np.einsum("wd,de->wde", known**-2, np.eye(known.shape[1]))
     step = -np.linalg.solve(curve, np.einsum("wnd,wn->wd", flat, rest)[..., None])[..., 0]
     step = np.clip(step, -settings.step_max, settings.step_max)
-    best = [window.recording for window in data.windows]
-    cost = (rest**2).sum(axis=1)
+    best, cost = list(data.windows), (rest**2).sum(axis=1)
     for share in (1.0, HALF):
         amounts = share * step
-        tried = [
-            moved(data.models[w.model], w.recording, doubt, own)
-            for w, doubt, own in zip(data.windows, doubts, amounts, strict=True)
-        ]
-        starts = [w._replace(recording=r) for w, r in zip(data.windows, tried, strict=True)]
-        left = (errors_as_given(data, starts, fixed) / noise).reshape(len(error), -1)
+        tried = _started(data, data.windows, doubts, amounts)
+        left = (errors_as_given(data, tried, fixed) / noise).reshape(len(error), -1)
         price = (left**2).sum(axis=1) + ((amounts / known) ** 2).sum(axis=1)
         for i in np.flatnonzero(price < cost):
             best[i], cost[i] = tried[i], price[i]
-    return data.with_windows(
-        [w._replace(recording=r) for w, r in zip(data.windows, best, strict=True)]
-    )
+    return data.with_windows(best)

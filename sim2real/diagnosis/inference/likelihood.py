@@ -124,13 +124,13 @@ class Likelihood:
         directions = np.concatenate([local, common / np.sqrt(self._evidence)], axis=-1)
         self._turned = self._turn(np.where(used[..., None, None], directions, 0.0))
         weighed = self._turned[:, None] * self._inverse[..., None]  # (T, S, M, W, N, D)
-        self._gram = np.swapaxes(weighed, -1, -2) @ self._turned[:, None]  # (T, S, M, W, D, D)
+        self._gram = weighed.mT @ self._turned[:, None]  # (T, S, M, W, D, D)
 
     def _turn(self, values: np.ndarray) -> np.ndarray:
         """Return values (W, N, M, ...) in the bases of all correlation times, (T, M, W, N, ...)."""
         joints_first = np.moveaxis(values, 2, 0)  # (M, W, N, ...)
         flat = joints_first.reshape(*joints_first.shape[:3], -1)
-        turned = np.swapaxes(self.basis.vectors, -1, -2)[:, None] @ flat
+        turned = self.basis.vectors.mT[:, None] @ flat
         return turned.reshape(len(self.basis.vectors), *joints_first.shape)
 
     def project(self, errors: np.ndarray) -> Projection:
@@ -224,10 +224,10 @@ class Likelihood:
         for joint, (time, size) in enumerate(zip(trained.time, trained.size, strict=True)):
             own = self._shifted(size, trained.shift[windows])
             basis = self.basis.vectors[time, windows]
-            turned = np.swapaxes(basis, -1, -2) @ some[:, :, joint]
+            turned = basis.mT @ some[:, :, joint]
             both = np.concatenate([self._turned[time, joint, windows], turned], axis=-1)
             weight = self._inverse[time, own, joint, windows]
-            gram += np.swapaxes(both * weight[..., None], -1, -2) @ both
+            gram += (both * weight[..., None]).mT @ both
         gram = _eliminated(gram, self._local).sum(axis=0)
         return _eliminated(gram, count - self._local, 1.0 if tempered else 1 / self._evidence)
 
@@ -327,7 +327,7 @@ class Likelihood:
         right = np.concatenate([gram[..., :count, count:], cross[..., :count, None]], axis=-1)
         solved = np.linalg.solve(root, right)
         across, along = solved[..., :-1], solved[..., -1]
-        left = gram[..., count:, count:] - np.swapaxes(across, -1, -2) @ across
+        left = gram[..., count:, count:] - across.mT @ across
         rest = cross[..., count:] - np.einsum("...lu,...l->...u", across, along)
         return left, rest, square - (along**2).sum(axis=-1) + _log_det(root)
 
@@ -353,7 +353,7 @@ def _eliminated(gram: np.ndarray, count: int, precision: float = 1.0) -> np.ndar
         return gram
     root = np.linalg.cholesky(gram[..., :count, :count] + precision * np.eye(count))
     across = np.linalg.solve(root, gram[..., :count, count:])
-    return gram[..., count:, count:] - np.swapaxes(across, -1, -2) @ across
+    return gram[..., count:, count:] - across.mT @ across
 
 
 def _together(
@@ -364,7 +364,7 @@ def _together(
     pull = cross.sum(axis=-2)
     root = np.linalg.cholesky(precision)
     along = np.linalg.solve(root, pull[..., None])[..., 0]
-    mean = np.linalg.solve(np.swapaxes(root, -1, -2), along[..., None])[..., 0]
+    mean = np.linalg.solve(root.mT, along[..., None])[..., 0]
     density = -HALF * (square.sum(axis=-1) - (along**2).sum(axis=-1) + _log_det(root))
     return density, mean, precision
 

@@ -1,13 +1,12 @@
 """What a log's channels say about themselves, before any simulation.
 
-    findings = check_channels(logs, models)
+    findings = [finding for check in CHECKS for finding in check(pairs, settings)]
 
-Each check compares a log with itself, or with the numbers in a model: stamps with their rate, speed
-with position, duty with the error that the servo saw. A finding of `NOTES` describes what the
-sensors are like; every other one should be corrected before a physical cause is sought.
+Each check compares logs with themselves, or with the numbers in their models: stamps with their
+rate, speed with position, duty with the error that the servo saw.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 
 import mujoco
 import numpy as np
@@ -15,53 +14,35 @@ import numpy as np
 from envs.effects.servo import is_joint_servo
 from hardware.log import READING, Log
 from sim2real.diagnosis.data.noise_floor import count_of
-from sim2real.diagnosis.data.pairs import TURN, Pairs, index_of, joints_of, name_of, unit_of, which
+from sim2real.diagnosis.data.pairs import (
+    TURN,
+    Pairs,
+    actuators_of,
+    commands_of,
+    driven_by,
+    episodes_with,
+    joints_of,
+    name_of,
+    unit_of,
+    which,
+)
 from sim2real.diagnosis.data.windows import reversals
 from sim2real.diagnosis.preflight.duties import check_duties
 from sim2real.diagnosis.preflight.speeds import check_speeds
 from sim2real.diagnosis.preflight.torques import check_torques
 from sim2real.diagnosis.schema import Finding
-from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
+from sim2real.diagnosis.settings import TINY, Settings
 
-NOTES = frozenset(
-    {
-        "quantization",
-        "noise",
-        "velocity_filter",
-        "unsigned",
-        "computed_torque",
-        "base",
-        "reading",
-    }
-)
 MILLI = 1e-3
 Check = Callable[[Pairs, Settings], Iterator[Finding]]
 
 
-def check_channels(
-    logs: Sequence[Log], models: Sequence[mujoco.MjModel], settings: Settings = DEFAULT
-) -> list[Finding]:
-    """Return what the channels of logs contradict.
-
-    Args:
-        logs: the logs.
-        models: the model of each.
-        settings: when they do.
-    """
-    pairs = list(zip(logs, models, strict=True))
-    return [finding for check in CHECKS for finding in check(pairs, settings)]
-
-
 def _reading(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """What was mended when the logs were read."""
+    fix = "No action needed if that is right; else mend the log."
     for log, _ in pairs:
         for note in log.meta.get(READING, ()):
-            yield Finding(
-                "reading",
-                None,
-                f"{name_of(log)}: {note}.",
-                "No action needed if that is right; else mend the log.",
-            )
+            yield Finding("reading", None, f"{name_of(log)}: {note}.", fix)
 
 
 def _rate(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
@@ -108,31 +89,26 @@ def _rate(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
 
 def _loss(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Readings that were lost, or said twice while the joint moved."""
-    limits = settings.preflight
+    limits, bus = settings.preflight, "the cable and the bus's load"
     for joint in joints_of(pairs):
         lost = rows = 0
         for log, _ in pairs:
-            column = f"qpos.{joint}"
-            if column not in log.columns:
+            if f"qpos.{joint}" not in log.columns:
                 continue
-            step = max(count_of([log], joint, settings), limits.count_min)
+            count = max(count_of([log], joint, settings), limits.count_min)
             for part in log.episodes():
-                q = part.column(column)
-                if len(q) <= len(("before", "same", "after")):
-                    continue
-                same = q[1:-2] == q[2:-1]
-                before, after = q[1:-2] - q[:-3], q[3:] - q[2:-1]
-                moved = np.minimum(np.abs(before), np.abs(after))
-                moving = moved > limits.counts * step
+                steps = np.diff(part.column(f"qpos.{joint}"))
+                before, same, after = steps[:-2], steps[1:-1] == 0, steps[2:]
+                moving = np.minimum(np.abs(before), np.abs(after)) > limits.counts * count
                 lost += int(np.sum(same & moving & (before * after > 0)))
-                rows += len(q)
+                rows += len(part)
         if rows and lost / rows > limits.lost_share:
             yield Finding(
                 "packet_loss",
                 joint,
                 f"{lost / rows:.1%} of the readings of {joint} repeat the last one while it moves: "
                 "answers were lost or read too late.",
-                "Look at the cable and the bus's load; simulate it with the effect packet_loss.",
+                f"Look at {bus}; simulate it with the effect packet_loss.",
             )
     for log, _ in pairs:
         share = float(np.mean(~log.fresh))
@@ -142,7 +118,7 @@ def _loss(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
                 None,
                 f"{share:.1%} of the rows of {name_of(log)} lack a servo's answer (flag.fresh).",
                 "No action needed where joints are read less often than commands are sent; else "
-                "look at the cable and the bus's load; simulate it with the effect packet_loss.",
+                f"look at {bus}; simulate it with the effect packet_loss.",
             )
 
 
@@ -150,8 +126,10 @@ def _excitation(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Joints that never moved enough, or never turned back."""
     limits = settings.preflight
     still = {"rad": limits.still_rad, "m": limits.still_m}
-    for joint, (moved, turns) in excitation(pairs, settings).items():
-        unit = unit_of(pairs, joint)
+    for joint in joints_of(pairs):
+        paths = [p.column(f"qpos.{joint}") for p in episodes_with(pairs, f"qpos.{joint}")]
+        moved, unit = max(float(np.ptp(q)) for q in paths), unit_of(pairs, joint)
+        turns = sum(reversals(q, settings.windows.turn * moved) for q in paths)
         if moved < still[unit]:
             yield Finding(
                 "excitation",
@@ -166,22 +144,6 @@ def _excitation(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
                 f"{joint} turned back {turns} times: friction, play and dead zones look alike.",
                 "Record slow ramps with reversals: run=record motions=[ramp].",
             )
-
-
-def excitation(pairs: Pairs, settings: Settings = DEFAULT) -> dict[str, tuple[float, int]]:
-    """Return by joint how far it moved [rad or m] and how often it turned back."""
-    found = {}
-    for joint in joints_of(pairs):
-        parts = [
-            part.column(f"qpos.{joint}")
-            for log, _ in pairs
-            if f"qpos.{joint}" in log.columns
-            for part in log.episodes()
-        ]
-        moved = max(float(np.ptp(q)) for q in parts)
-        size = settings.windows.turn * moved
-        found[joint] = moved, sum(reversals(q, size) for q in parts)
-    return found
 
 
 def _ranged(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
@@ -212,15 +174,15 @@ def _ranges(model: mujoco.MjModel) -> dict[str, float]:
 
     A servo that nothing limits holds a position within a turn.
     """
-    found = {}
+    hinge, found = int(mujoco.mjtJoint.mjJNT_HINGE), {}
     for i in range(model.njnt):
-        if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_HINGE and model.jnt_limited[i]:
+        if model.jnt_type[i] == hinge and model.jnt_limited[i]:
             found[model.joint(i).name] = float(np.abs(model.jnt_range[i]).max())
     for i in range(model.nu):
-        if model.actuator_trntype[i] != mujoco.mjtTrn.mjTRN_JOINT or not is_joint_servo(model, i):
+        if not is_joint_servo(model, i):
             continue
         joint = model.joint(int(model.actuator_trnid[i, 0]))
-        if joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE:
+        if joint.type[0] == hinge:
             limited = bool(model.actuator_ctrllimited[i])
             reach = float(np.abs(model.actuator_ctrlrange[i]).max()) if limited else TURN
             found.setdefault(joint.name, reach)
@@ -230,26 +192,23 @@ def _ranges(model: mujoco.MjModel) -> dict[str, float]:
 def _limits(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Commands that the model clamps, and rows at its limit of force."""
     limits = settings.preflight
-    for name in dict.fromkeys(name for log, _ in pairs for name in log.actuators):
-        outside, held, rows, least = 0, 0, 0, []
+    for name in actuators_of(pairs):
+        outside, held, rows, ratios = 0, 0, 0, []
         reach = (0.0, 0.0)
-        for log, model in pairs:
-            index = index_of(model, name)
-            if index is None:
-                continue
+        for log, model, index, joint in commands_of(pairs, name):
             ctrl = log.column(f"ctrl.{name}")
             rows += len(ctrl)
             if model.actuator_ctrllimited[index]:
                 low, high = reach = tuple(model.actuator_ctrlrange[index])
                 slack = limits.outside * (high - low)
                 outside += int(np.sum((ctrl < low - slack) | (ctrl > high + slack)))
-            force = _force(log, model, index)
-            if force is not None and model.actuator_forcelimited[index]:
-                size, most = np.abs(force), float(model.actuator_forcerange[index, 1])
+            if model.actuator_forcelimited[index] and model.actuator_biasprm[index, 1] != 0:
+                size = np.abs(_least_force(log, model, index, joint))
+                most = float(model.actuator_forcerange[index, 1])
                 on = log.columns.get(f"torque.{name}", np.ones(len(log))) > 0
                 held += int(np.sum(on & (size >= most)))
                 often = float(np.quantile(size, 1 - limits.saturated_share))
-                least += [min(most / max(often, TINY), 1.0)]
+                ratios.append(min(most / max(often, TINY), 1.0))
         if rows and outside / rows > limits.outside:
             yield Finding(
                 "ctrlrange",
@@ -264,24 +223,20 @@ def _limits(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
                 name,
                 f"At the errors that the robot had, the model's {name} would be at its limit of "
                 f"force in {held / rows:.0%} of the rows: the robot's gain is at most "
-                f"{min(least):.2g} times the model's, or its gain does not show and its limit "
+                f"{min(ratios):.2g} times the model's, or its gain does not show and its limit "
                 "does.",
                 "Compare the model's kp and forcerange with the servo's; record smaller motions.",
             )
 
 
-def _force(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray | None:
+def _least_force(log: Log, model: mujoco.MjModel, index: int, joint: str) -> np.ndarray:
     """Return the least force of the model's position servo that a log's rows tell, (T,).
 
     A reading is taken between the command of the row before and that of its own, and at a speed
     between rest and the change of positions: a stiff servo that follows steps of its command rests
-    between them. A speed's own column may have another unit. None: it is no position servo, or was
-    not measured.
+    between them. A speed's own column may have another unit.
     """
-    joint = model.joint(int(model.actuator_trnid[index, 0])).name
-    gain, (_, stiff, damping) = model.actuator_gainprm[index, 0], model.actuator_biasprm[index, :3]
-    if stiff == 0 or f"qpos.{joint}" not in log.columns:
-        return None
+    gain, damping = model.actuator_gainprm[index, 0], model.actuator_biasprm[index, 2]
     position, ctrl = log.column(f"qpos.{joint}"), log.column(f"ctrl.{model.actuator(index).name}")
     errors = ctrl - position, np.append(ctrl[:1], ctrl[:-1]) - position
     speeds = 0 * position, np.gradient(position, log.time)
@@ -306,21 +261,19 @@ def _resolution(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
 
 def _commands(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Actuators of logged joints whose commands were not logged."""
-    missing: dict[str, list[tuple]] = {}
+    missing: dict[tuple[str, str], list[tuple[Log]]] = {}
     for log, model in pairs:
-        for i in range(model.nu):
-            name = model.actuator(i).name
-            if index_of(model, name) is None or name in log.actuators:
-                continue
-            joint = model.joint(int(model.actuator_trnid[i, 0])).name
-            if f"qpos.{joint}" in log.columns:
-                missing.setdefault(name, []).append((log, joint))
-    for name, where in missing.items():
+        names = [model.actuator(i).name for i in range(model.nu)]
+        for name in [name for name in names if name not in log.actuators]:
+            driven = driven_by(model, name)
+            if driven is not None and f"qpos.{driven[1]}" in log.columns:
+                missing.setdefault((name, driven[1]), []).append((log,))
+    for (name, joint), where in missing.items():
         yield Finding(
             "no_command",
-            where[0][1],
+            joint,
             f"There is no column `ctrl.{name}`{which(where, pairs)}: the simulation holds "
-            f"{where[0][1]} where the model's keyframe has it, or at 0.",
+            f"{joint} where the model's keyframe has it, or at 0.",
             f"Log the command of {name} as `ctrl.{name}`; if the joint was free, log "
             f"`torque.{name}` = 0 and any command.",
         )
@@ -328,34 +281,27 @@ def _commands(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
 
 def _unsigned(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Currents that are never negative although the joints go both ways."""
-    names = [n for log, _ in pairs for n in log.columns if "current" in n.split("_")[0]]
-    positive = [
+    currents: dict[str, list[np.ndarray]] = {}
+    for log, _ in pairs:
+        for name, values in log.columns.items():
+            if "current" in name.split("_")[0]:
+                currents.setdefault(name, []).append(values)
+    found = [
         name
-        for name in dict.fromkeys(names)
-        if all(log.columns[name].min() >= 0 for log, _ in pairs if name in log.columns)
-        and any(log.columns[name].std() > 0 for log, _ in pairs if name in log.columns)
+        for name, own in currents.items()
+        if all(values.min() >= 0 for values in own) and any(np.ptp(values) > 0 for values in own)
     ]
-    if positive:
+    if found:
         yield Finding(
             "unsigned",
             None,
-            f"{len(positive)} columns of current (`{positive[0]}`, …) are never negative: they are "
+            f"{len(found)} columns of current (`{found[0]}`, …) are never negative: they are "
             "magnitudes without a direction.",
             "No action needed; they cannot serve as torques.",
         )
 
 
 CHECKS: tuple[Check, ...] = (
-    _reading,
-    _rate,
-    _loss,
-    _excitation,
-    check_duties,
-    check_speeds,
-    _ranged,
-    _limits,
-    _commands,
-    _resolution,
-    _unsigned,
-    check_torques,
+    *(_reading, _rate, _loss, _excitation, check_duties, check_speeds),
+    *(_ranged, _limits, _commands, _resolution, _unsigned, check_torques),
 )

@@ -15,11 +15,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import find_peaks
 
 from hardware.log import Log
 from sim2real.diagnosis.data.noise_floor import count_of
+from sim2real.diagnosis.data.pairs import name_of
 from sim2real.diagnosis.data.recording import episode_rows, flagged
 from sim2real.diagnosis.data.replay import Gap
 from sim2real.diagnosis.data.windows import HUNTING
@@ -35,6 +37,11 @@ class Hunt(NamedTuple):
     last: float  # s: its last turn
     frequency: float  # Hz
     swing: float  # rad or m from side to side, the median
+
+    @property
+    def seconds(self) -> float:
+        """Its duration [s]."""
+        return self.last - self.first
 
 
 def mark_hunting(
@@ -52,12 +59,11 @@ def mark_hunting(
     for actuator, joint in driven.items():
         found: list[tuple[Log, Hunt]] = []
         for log, flag in zip(logs, flags, strict=True):
-            if f"ctrl.{actuator}" not in log.columns or f"qpos.{joint}" not in log.columns:
-                continue
-            angle = log.column(f"qpos.{joint}")
-            for rows, hunts in _each(log, angle, actuator, joint, settings):
-                flag[rows] |= _left_out(log.time[rows], hunts, settings)
-                found += [(log, hunt) for hunt in hunts]
+            if f"qpos.{joint}" in log.columns:
+                angle = log.column(f"qpos.{joint}")
+                for rows, hunts in _each(log, angle, actuator, joint, settings):
+                    flag[rows] |= _left_out(log.time[rows], hunts, settings)
+                    found += [(log, hunt) for hunt in hunts]
         if found:
             findings.append(_finding(joint, found))
     return [flagged(log, HUNTING, own) for log, own in zip(logs, flags, strict=True)], findings
@@ -77,15 +83,12 @@ def tell_simulated(
         models: what each is called, and all logs replayed in it.
         settings: what counts as hunting.
     """
-    actuators = {joint: actuator for actuator, joint in driven.items()}
+    seen = [(name, _simulated(findings, driven, gaps, settings)) for name, gaps in models]
     completed = []
     for finding in findings:
-        joint = finding.where
-        if finding.check == "hunting" and joint is not None:
-            actuator = actuators[joint]
-            seen = [(n, _simulated(gaps, actuator, joint, settings)) for n, gaps in models]
-            words = "; ".join(f"{name}, the simulator {_words(hunts)}" for name, hunts in seen)
-            finding = replace(finding, finding=f"{finding.finding} {words}.")
+        if finding.check == "hunting":
+            words = [f"{name}, the simulator {_words(own[finding.where])}" for name, own in seen]
+            finding = replace(finding, finding=f"{finding.finding} {'; '.join(words)}.")
         completed.append(finding)
     return completed
 
@@ -100,31 +103,32 @@ def hunts_alone(
 
     What makes a robot hunt is missing in such a model, however near its first swings are.
     """
-    actuators = {joint: actuator for actuator, joint in driven.items()}
-    joints = [f.where for f in findings if f.check == "hunting" and f.where is not None]
-    seen = (_simulated(gaps, actuators[joint], joint, settings) for joint in joints)
-    return bool(joints) and not any(seen)
+    seen = _simulated(findings, driven, gaps, settings)
+    return bool(seen) and not any(seen.values())
 
 
 def _simulated(
-    gaps: Sequence[Gap], actuator: str, joint: str, settings: Limits
-) -> list[tuple[Log, Hunt]]:
-    """Return where simulated joints hunt."""
-    return [
-        (gap.log, hunt)
-        for gap in gaps
-        if joint in gap.joints and f"ctrl.{actuator}" in gap.log.columns
-        for _, hunts in _each(
-            gap.log, gap.simulated[:, gap.joints.index(joint)], actuator, joint, settings
-        )
-        for hunt in hunts
-    ]
+    findings: Sequence[Finding], driven: Mapping[str, str], gaps: Sequence[Gap], settings: Limits
+) -> dict[str | None, list[tuple[Log, Hunt]]]:
+    """Return where simulated joints hunt, by the joints at which the robot does."""
+    found: dict[str | None, list[tuple[Log, Hunt]]] = {
+        finding.where: [] for finding in findings if finding.check == "hunting"
+    }
+    for actuator, joint in driven.items():
+        for gap in gaps if joint in found else ():
+            if joint in gap.joints:
+                angle = gap.simulated[:, gap.joints.index(joint)]
+                every = _each(gap.log, angle, actuator, joint, settings)
+                found[joint] += [(gap.log, hunt) for _, hunts in every for hunt in hunts]
+    return found
 
 
 def _each(
     log: Log, angle: np.ndarray, actuator: str, joint: str, settings: Limits
 ) -> Iterator[tuple[slice, list[Hunt]]]:
     """Yield the rows of each episode, and where an angle hunts in them, its servo on."""
+    if actuator not in log.actuators:
+        return
     least, command = settings.counts * count_of([log], joint), log.column(f"ctrl.{actuator}")
     others = [log.column(f"ctrl.{name}") for name in log.actuators if name != actuator]
     off = log.columns.get(f"torque.{actuator}", np.ones(len(log))) <= 0
@@ -146,24 +150,18 @@ def hunting(
     """Return the stretches in which an angle swings steadily, and no command does.
 
     Args:
-        time: of one episode's rows [s], (T,).
+        time: of one episode's rows [s], (T,), increasing.
         angle: of the joint [rad or m], (T,).
         command: what it should be, (T,).
         others: commands of the other joints, whose motion may shake this one, (T,) each.
         least: swings are at least this large [rad or m], and `settings.swing`.
         settings: what counts as hunting.
     """
-    known = np.isfinite(angle) & np.isfinite(command)  # not a reading that was lost
-    time, angle, command = time[known], angle[known], command[known]
-    if len(time) <= settings.swings:
-        return []
-    others = [np.nan_to_num(other[known]) for other in others]
     least, row = max(least, settings.swing), float(np.median(np.diff(time)))
     shaken = [_turns(other, settings.asked * float(np.ptp(other))) for other in others]
     found = _steady(time, angle, command, shaken, least, settings)
     large = max(least, settings.asked * float(np.ptp(angle)))
-    for width in settings.faster_s if row > 0 else ():  # a clock that stands is refused elsewhere
-        rows = round(width / row)
+    for rows in [round(width / row) for width in settings.faster_s]:
         if rows > 1:
             rest = [v - uniform_filter1d(v, rows, mode="nearest") for v in (angle, command)]
             found += _steady(time, rest[0], rest[1], shaken, large, settings)
@@ -182,28 +180,22 @@ def _steady(
     turns, count = _turns(angle, least), settings.swings
     if len(turns) <= count:
         return []
-    swings, halves = np.abs(np.diff(angle[turns])), np.diff(time[turns])
+    swings = np.abs(np.diff(angle[turns]))
+    runs = [sliding_window_view(v, count) for v in (swings, np.diff(time[turns]))]
+    even = [run.min(axis=1) >= settings.even * run.max(axis=1) for run in runs]
     steady = np.zeros(len(swings), bool)
-    for k in range(len(swings) - count + 1):
-        own = slice(k, k + count)
-        even = swings[own].min() >= settings.even * swings[own].max()
-        regular = halves[own].min() >= settings.even * halves[own].max() > 0
-        if even and regular:
-            rows = slice(turns[k], turns[k + count] + 1)
-            asked = len(_turns(command[rows], settings.asked * float(np.median(swings[own]))))
-            ends = (turns[k], turns[k + count])
-            busiest = max((int(np.diff(np.searchsorted(t, ends))[0]) for t in shaken), default=0)
-            steady[own] |= 4 * asked <= count and 2 * busiest <= count
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], steady.astype(int), [0]])))
-    return [
-        Hunt(
-            float(time[turns[a]]),
-            float(time[turns[b]]),
-            float((b - a) / 2 / (time[turns[b]] - time[turns[a]])),
-            float(np.median(swings[a:b])),
-        )
-        for a, b in zip(edges[::2], edges[1::2], strict=True)
-    ]
+    for k in np.flatnonzero(even[0] & even[1]):
+        first, last = turns[k], turns[k + count]
+        size = settings.asked * float(np.median(runs[0][k]))
+        asked = len(_turns(command[first : last + 1], size))
+        busiest = max((int(np.sum((t >= first) & (t < last))) for t in shaken), default=0)
+        steady[k : k + count] |= 4 * asked <= count and 2 * busiest <= count
+    found = []
+    for a, b in np.flatnonzero(np.diff(steady, prepend=False, append=False)).reshape(-1, 2):
+        first, last = float(time[turns[a]]), float(time[turns[b]])
+        swing = float(np.median(swings[a:b]))
+        found.append(Hunt(first, last, float((b - a) / 2 / (last - first)), swing))
+    return found
 
 
 def _merged(hunts: Sequence[Hunt]) -> list[Hunt]:
@@ -211,7 +203,7 @@ def _merged(hunts: Sequence[Hunt]) -> list[Hunt]:
     found: list[Hunt] = []
     for hunt in sorted(hunts):
         if found and hunt.first <= found[-1].last:
-            longest = max(found[-1], hunt, key=lambda one: one.last - one.first)
+            longest = max(found[-1], hunt, key=lambda one: one.seconds)
             ends = (found[-1].first, max(found[-1].last, hunt.last))
             found[-1] = longest._replace(first=ends[0], last=ends[1])
         else:
@@ -250,21 +242,19 @@ def _words(found: Sequence[tuple[Log, Hunt]]) -> str:
     """Return how long, how far and how fast a joint hunts."""
     if not found:
         return "does not hunt"
-    longest = max((hunt for _, hunt in found), key=lambda hunt: hunt.last - hunt.first)
-    total = sum(hunt.last - hunt.first for _, hunt in found)
-    return (
-        f"hunts for {total:.1f} s, {longest.swing:.2g} from side to side at "
-        f"{longest.frequency:.2g} Hz"
-    )
+    longest = max((hunt for _, hunt in found), key=lambda hunt: hunt.seconds)
+    total = sum(hunt.seconds for _, hunt in found)
+    swing, hertz = f"{longest.swing:.2g}", f"{longest.frequency:.2g}"
+    return f"hunts for {total:.1f} s, {swing} from side to side at {hertz} Hz"
 
 
 def _finding(joint: str, found: Sequence[tuple[Log, Hunt]]) -> Finding:
-    log, hunt = max(found, key=lambda one: one[1].last - one[1].first)
+    log, hunt = max(found, key=lambda one: one[1].seconds)
     return Finding(
         "hunting",
         joint,
         f"{joint} swings to and fro while its command does not: it {_words(found)}, longest at "
-        f"{hunt.first:.1f} s of {log.path.name if log.path else 'the log'}.",
+        f"{hunt.first:.1f} s of {name_of(log)}.",
         "The servo's loop is unstable. Its first swing is compared, the others are left out: no "
         "simulation keeps their phase. A lower gain, more damping or slower commands can stop it; "
         "what lies behind it is elasticity, play or delay in the loop, or integral action: look "

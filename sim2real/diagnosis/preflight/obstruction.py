@@ -18,6 +18,7 @@ import numpy as np
 
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
+from sim2real.diagnosis.data.pairs import name_of
 from sim2real.diagnosis.data.recording import flagged
 from sim2real.diagnosis.data.windows import BLOCKED
 from sim2real.diagnosis.schema import Finding
@@ -38,9 +39,7 @@ def positioned(log: Log, spec: mujoco.MjSpec) -> dict[str, str]:
 
 
 def mark_blocked(
-    logs: Sequence[Log],
-    driven: Mapping[str, str],
-    settings: Settings = DEFAULT,
+    logs: Sequence[Log], driven: Mapping[str, str], settings: Settings = DEFAULT
 ) -> tuple[list[Log], list[Finding]]:
     """Return the logs with blocked rows flagged, and what was found.
 
@@ -67,31 +66,35 @@ def mark_blocked(
 def _held(logs: Sequence[Log], servo: tuple[str, str], settings: Settings) -> list[np.ndarray]:
     """Return the rows of each log in which a joint is held by something else, (T,) bool."""
     (actuator, joint), limits = servo, settings.obstruction
-    position = f"qpos.{joint}"
     none = [np.zeros(len(log), bool) for log in logs]
-    seen = [(log, _current(log, servo)) for log in logs]
-    known = [(log, c) for log, c in seen if c is not None and position in log.columns]
-    if len(known) < len(logs) or any(actuator not in log.actuators for log in logs):
+    currents = [c for log in logs if (c := _current(log, servo)) is not None]
+    if len(currents) < len(logs) or not all(
+        {f"ctrl.{actuator}", f"qpos.{joint}"} <= log.columns.keys() for log in logs
+    ):
         return none
-    errors = [np.abs(log.column(f"ctrl.{actuator}") - log.column(position)) for log in logs]
+    errors = [_error(log, servo) for log in logs]
     rests = [_resting(log, servo, limits) for log in logs]
     every = np.concatenate(rests)
     if every.sum() < settings.preflight.rows_min:
         return none
-    usual = [
+    current, error = (
         float(np.quantile(np.concatenate(parts)[every], 1 - 2 * settings.inference.level))
-        for parts in ([c for _, c in known], errors)
-    ]
-    if min(usual) <= 0:
+        for parts in (currents, errors)
+    )
+    if min(current, error) <= 0:
         return none
-    far = limits.error * (usual[1] + limits.still)  # a joint that rests may be off by that
+    far = limits.error * (error + limits.still)  # a joint that rests may be off by that
     held = [
-        rest & (current > limits.current * usual[0]) & (error > far)
-        for rest, (_, current), error in zip(rests, known, errors, strict=True)
+        rest & (own > limits.current * current) & (off > far)
+        for rest, own, off in zip(rests, currents, errors, strict=True)
     ]
-    least = 2 * limits.rest_s
-    long = [_seconds(log, rows) >= least for log, rows in zip(logs, held, strict=True)]
+    long = [_seconds(*pair) >= 2 * limits.rest_s for pair in zip(logs, held, strict=True)]
     return [rows & enough for rows, enough in zip(held, long, strict=True)]
+
+
+def _error(log: Log, servo: tuple[str, str]) -> np.ndarray:
+    """Return how far a joint is from its servo's goal [rad or m], (T,)."""
+    return np.abs(log.column(f"ctrl.{servo[0]}") - log.column(f"qpos.{servo[1]}"))
 
 
 def _current(log: Log, servo: tuple[str, str]) -> np.ndarray | None:
@@ -124,9 +127,8 @@ def _resting(log: Log, servo: tuple[str, str], settings: Obstruction) -> np.ndar
 def _widened(log: Log, rows: np.ndarray, margin: float) -> np.ndarray:
     """Return rows with those within a margin [s] of them, (T,) bool."""
     wide = np.zeros(len(log), bool)
-    same = log.episode
-    for moment, episode in zip(log.time[rows], same[rows], strict=True):
-        wide |= (np.abs(log.time - moment) <= margin + ROUNDING) & (same == episode)
+    for moment, episode in zip(log.time[rows], log.episode[rows], strict=True):
+        wide |= (np.abs(log.time - moment) <= margin + ROUNDING) & (log.episode == episode)
     return wide
 
 
@@ -140,18 +142,13 @@ def _finding(
 ) -> Finding:
     log, rows = max(zip(logs, held, strict=True), key=lambda pair: int(pair[1].sum()))
     row = int(np.flatnonzero(rows)[0])
-    actuator, joint = servo
-    goal, position = log.column(f"ctrl.{actuator}"), log.column(f"qpos.{joint}")
-    short = abs(float(goal[row] - position[row]))
     seconds = sum(_seconds(*pair) for pair in zip(logs, held, strict=True))
-    name = log.path.name if log.path else "the log"
     return Finding(
         "blocked",
-        joint,
-        f"{joint} stands still {short:.2g} short of its goal, with more than "
+        servo[1],
+        f"{servo[1]} stands still {_error(log, servo)[row]:.2g} short of its goal, with more than "
         f"{settings.current:g} times the current of its other rests, for {seconds:.1f} s in all, "
-        f"first at {log.time[row]:.1f} s "
-        f"of {name}: something is in its way.",
+        f"first at {log.time[row]:.1f} s of {name_of(log)}: something is in its way.",
         "These moments are left out. Look at what the robot touches there; a log may flag such "
         f"rows itself, in a column {BLOCKED}.",
     )

@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from scipy.signal import detrend
 
 from hardware.log import Log
-from sim2real.diagnosis.data.pairs import Pairs, joints_of
+from sim2real.diagnosis.data.pairs import Pairs, episodes_with, joints_of
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, Preflight, Settings
 
@@ -57,34 +57,22 @@ def check_speeds(pairs: Pairs, settings: Settings = DEFAULT) -> Iterator[Finding
     for joint, law in laws.items():
         if abs(law.delay) < max(limits.offset_s, limits.sigmas * law.error):
             continue
+        check, side = ("velocity_filter", "after") if law.delay > 0 else ("clock", "before")
         size = f"{abs(law.delay) / MILLI:.1f} ms (± {2 * law.error / MILLI:.1f})"
+        fix = "Stamp both channels on one clock, or give the position its own stamps."
         if law.delay > 0:
-            yield Finding(
-                "velocity_filter",
-                joint,
-                f"The speed of {joint} comes {size} after its position.",
-                f"No action needed; a policy that reads it needs velocity_filter={law.delay:.3f} "
-                "s.",
-            )
-        else:
-            yield Finding(
-                "clock",
-                joint,
-                f"The speed of {joint} comes {size} before its position.",
-                "Stamp both channels on one clock, or give the position its own stamps.",
-            )
+            needs = f"velocity_filter={law.delay:.3f} s"
+            fix = f"No action needed; a policy that reads it needs {needs}."
+        yield Finding(check, joint, f"The speed of {joint} comes {size} {side} its position.", fix)
 
 
 def speed_laws(pairs: Pairs, settings: Preflight = DEFAULT.preflight) -> dict[str, SpeedLaw]:
     """Return how the speed register of each joint follows its position, where it does."""
-    found = {}
-    for joint in joints_of(pairs):
-        names = f"qpos.{joint}", f"qvel.{joint}"
-        logs = [log for log, _ in pairs if all(name in log.columns for name in names)]
-        law = speed_law([part for log in logs for part in log.episodes()], joint, settings)
-        if law is not None:
-            found[joint] = law
-    return found
+    laws = {
+        joint: speed_law(episodes_with(pairs, f"qpos.{joint}", f"qvel.{joint}"), joint, settings)
+        for joint in joints_of(pairs)
+    }
+    return {joint: law for joint, law in laws.items() if law is not None}
 
 
 def speed_law(
@@ -93,7 +81,8 @@ def speed_law(
     """Return how a joint's speed follows its position.
 
     Args:
-        parts: episodes that have `qvel.<joint>`.
+        parts: episodes that have `qvel.<joint>`; rows within the largest delay of their ends do not
+            count.
         joint: which.
         settings: the largest delay, and what the law has to explain.
 
@@ -101,23 +90,28 @@ def speed_law(
         None where the speed says nothing: too few rows, a joint that hardly moved, or another
         quantity.
     """
-    known = [one for part in parts if (one := _measured(part, joint, settings)) is not None]
+    reach, known = settings.reach_s, []
+    for part in parts:
+        stamps = part.columns.get(f"stamp.{joint}", part.time)
+        time = np.maximum.accumulate(stamps + SMALLEST * np.arange(len(stamps)))
+        inside = (time >= time[0] + reach) & (time <= time[-1] - reach)
+        if inside.sum() >= settings.rows_min:
+            turned = cumulative_trapezoid(part.column(f"qvel.{joint}"), time, initial=0.0)
+            known.append((time, turned, inside, part.column(f"qpos.{joint}")))
     if not known:
         return None
-    wanted = np.concatenate([detrend(place[inside]) for _, _, place, inside in known])
+    wanted = np.concatenate([detrend(place[inside]) for _, _, inside, place in known])
 
     def moved(delay: float) -> np.ndarray:
-        later = [np.interp((t + delay)[inside], t, turned) for t, turned, _, inside in known]
+        later = [np.interp((t + delay)[inside], t, turned) for t, turned, inside, _ in known]
         return np.concatenate([detrend(one) for one in later])
 
-    power = float(wanted @ wanted)
-    if power == 0 or not moved(0.0).any():
+    power, prompt = float(wanted @ wanted), moved(0.0)
+    if power == 0 or not prompt.any():
         return None
-    reach = settings.reach_s
-    first = float(moved(0.0) @ wanted / (moved(0.0) @ moved(0.0)))
     fit = least_squares(
         lambda x: x[0] * moved(x[1]) - wanted,
-        (first, 0.0),
+        (float(prompt @ wanted / (prompt @ prompt)), 0.0),
         bounds=((-np.inf, -reach), (np.inf, reach)),
         x_scale="jac",
     )
@@ -127,20 +121,3 @@ def speed_law(
     spread = left / max(len(wanted) - len(fit.x), 1)
     error = np.sqrt(spread * np.linalg.pinv(fit.jac.T @ fit.jac)[1, 1])
     return SpeedLaw(1 / float(gain), float(delay), float(error))
-
-
-def _measured(
-    part: Log, joint: str, settings: Preflight
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
-    """Return times of reading, integrated speed, position and which rows count, (T,) each.
-
-    Rows within the largest delay of an end do not count; None where too few are left.
-    """
-    stamps = part.columns.get(f"stamp.{joint}", part.time)
-    time = np.maximum.accumulate(stamps + SMALLEST * np.arange(len(stamps)))
-    ends = time[0] + settings.reach_s, time[-1] - settings.reach_s
-    inside = (time >= ends[0]) & (time <= ends[1])
-    if inside.sum() < settings.rows_min:
-        return None
-    turned = cumulative_trapezoid(part.column(f"qvel.{joint}"), time, initial=0.0)
-    return time, turned, part.column(f"qpos.{joint}"), inside

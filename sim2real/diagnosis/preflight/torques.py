@@ -14,7 +14,7 @@ import numpy as np
 
 from hardware.formats.names import IMPEDANCE_KINDS
 from hardware.log import Log
-from sim2real.diagnosis.data.pairs import Pairs, index_of
+from sim2real.diagnosis.data.pairs import Pairs, driven_by
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, TINY, Preflight, Settings
 
@@ -57,28 +57,20 @@ def _is_law(
     log: Log, model: mujoco.MjModel, actuator: str, column: str, settings: Preflight
 ) -> bool:
     """Return whether command, position and speed of the same rows leave nothing of a column."""
-    index = index_of(model, actuator)
-    if index is None:
-        return False
-    joint = model.joint(int(model.actuator_trnid[index, 0])).name
-    if f"qpos.{joint}" not in log.columns:
-        return False
-    wanted = log.column(column)
-    if wanted.min() >= 0 or np.ptp(wanted) < TINY or len(log) < settings.rows_min:
+    driven, wanted = driven_by(model, actuator), log.column(column)
+    empty = len(log) < settings.rows_min or np.ptp(wanted) < TINY
+    if driven is None or empty or wanted.min() >= 0:
         return False
     free = np.abs(wanted) < np.abs(wanted).max() * settings.saturated
-    ctrl, q = log.column(f"ctrl.{actuator}"), log.column(f"qpos.{joint}")
-    speeds = [log.columns[n] for n in (f"qvel.{joint}",) if n in log.columns]
-    if not speeds:
-        slopes = [np.gradient(p.column(f"qpos.{joint}"), p.time) for p in log.episodes()]
-        speeds = [np.concatenate(slopes)]
-    kp, kd, wish, ahead = (log.columns.get(f"{k}.{actuator}") for k in IMPEDANCE_KINDS)
-    terms = [ctrl, q, *speeds, np.ones(len(log))]
-    if kp is not None:
-        error = (wish if wish is not None else 0.0) - speeds[0]
-        terms = [kp * (ctrl - q), (kd if kd is not None else 0.0) * error, np.ones(len(log))]
-        terms += [ahead] if ahead is not None else []
-    table = np.column_stack(terms)[free]
+    ctrl, q = log.column(f"ctrl.{actuator}"), log.column(f"qpos.{driven[1]}")
+    slopes = [np.gradient(p.column(f"qpos.{driven[1]}"), p.time) for p in log.episodes()]
+    speed = log.columns.get(f"qvel.{driven[1]}", np.concatenate(slopes))
+    none = np.zeros(len(log))
+    kp, kd, wish, ahead = (log.columns.get(f"{k}.{actuator}", none) for k in IMPEDANCE_KINDS)
+    terms = [ctrl, q, speed]
+    if f"kp.{actuator}" in log.columns:
+        terms = [kp * (ctrl - q), kd * (wish - speed), ahead]
+    table = np.column_stack([*terms, np.ones(len(log))])[free]
     weights, *_ = np.linalg.lstsq(table, wanted[free])
     rest = wanted[free] - table @ weights
     return float(rest.std()) < settings.computed * float(wanted[free].std())
@@ -86,11 +78,10 @@ def _is_law(
 
 def measured_torques(pairs: Pairs, settings: Preflight = DEFAULT.preflight) -> dict[str, str]:
     """Return the column of each actuator's torque or current that is evidence: signed, measured."""
-    own = computed_torques(pairs, settings)
-    found: dict[str, str] = {}
+    computed, found = computed_torques(pairs, settings), {}
     for log, _ in pairs:
         for name in log.actuators:
             column = torque_column(log, name)
-            if column is not None and name not in own and log.column(column).min() < 0:
+            if column is not None and name not in computed and log.column(column).min() < 0:
                 found.setdefault(name, column)
     return found

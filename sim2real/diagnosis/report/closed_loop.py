@@ -1,15 +1,16 @@
 """The section of a report about the policy in both simulators: tracks of distances and returns.
 
-    view(report)["rows"]                # [{"group", "label", "kind", "picture", "value", "ci"}]
+    view(report)["tables"][0]["rows"]   # [{"label", "kind", "picture", "value", "ci"}]
 
 Distances of one measure share a scale; the grey zone is the robot's distance from itself.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from sim2real.diagnosis.report import axes, svg
-from sim2real.diagnosis.schema import ClosedLoop, Distance, Estimate, Report, Returns
+from sim2real.diagnosis.schema import ClosedLoop, Estimate, Report
 from sim2real.diagnosis.settings import TINY
 
 MEASURES = {
@@ -29,9 +30,8 @@ WORDS = {
     "apart": "The simulator as given is farther from the robot than the robot's episodes among "
     "themselves.",
 }
-WORLDS = ("robot, its other half", "simulator as given", "corrected simulator")
+WORLDS = ("simulator as given", "corrected simulator")
 KINDS = ("floor", "before", "after")  # classes of colours
-NUMBERS = 4  # on a scale, about
 
 
 def view(report: Report) -> dict[str, Any] | None:
@@ -39,9 +39,13 @@ def view(report: Report) -> dict[str, Any] | None:
     loop = report.closed_loop
     if loop is None:
         return None
-    tables = [_distances(one) for one in loop.distances]
+    tables = [
+        _table(MEASURES[one.measure], (one.floor, one.nominal, one.corrected), one.floor.ci[1])
+        for one in loop.distances
+    ]
     if loop.returns is not None:
-        tables.append(_returns(loop.returns))
+        paid = loop.returns
+        tables.append(_table("Return of an episode", (paid.robot, paid.nominal, paid.corrected)))
     return {
         "sentence": words(loop),
         "tables": tables,
@@ -53,41 +57,24 @@ def view(report: Report) -> dict[str, Any] | None:
 
 def words(loop: ClosedLoop) -> str:
     """Return the verdict as a sentence."""
-    last = WORLDS[1 if loop.distances[0].corrected is None else 2]
+    last = WORLDS[loop.distances[0].corrected is not None]
     return WORDS[loop.verdict].format(world=last)
 
 
-def _distances(one: Distance) -> dict[str, Any]:
-    estimates = [one.floor, one.nominal, one.corrected]
-    ends = [end for own in estimates if own is not None for end in own.ci]
-    scale = axes.Linear(0.0, max(ends) * axes.SPARE)
-    return _table(MEASURES.get(one.measure, one.measure), estimates, scale, one.floor.ci[1])
-
-
-def _returns(paid: Returns) -> dict[str, Any]:
-    estimates = [paid.robot, paid.nominal, paid.corrected]
-    ends = [end for own in estimates if own is not None for end in own.ci]
-    room = (axes.SPARE - 1) * max(max(ends) - min(ends), TINY)
-    scale = axes.Linear(min(ends) - room, max(ends) + room)
-    table = _table("Return of an episode", estimates, scale)
-    table["rows"][0]["label"] = "robot"
-    return table
-
-
 def _table(
-    title: str, estimates: list[Estimate | None], scale: axes.Linear, floor: float | None = None
+    title: str, estimates: Sequence[Estimate | None], floor: float | None = None
 ) -> dict[str, Any]:
-    """Return the rows of a measure on one scale; up to `floor` it is shaded."""
-    shade = 0.0 if floor is None else float(scale(floor))
-    ticks = [(float(scale(value)), text) for value, text in scale.ticks(NUMBERS)]
-    rows = []
-    for label, kind, one in zip(WORLDS, KINDS, estimates, strict=True):
-        if one is None:
-            continue
-        low, high, at = (float(scale(value)) for value in (*one.ci, one.value))
-        places = [place for place, _ in ticks]
-        picture = svg.track(low, high, [(at, kind)], floor=shade, ticks=places)
-        number = f"{one.value:.3g}".replace("-", "−")
-        ci = f"{one.ci[0]:.3g} to {one.ci[1]:.3g}".replace("-", "−")
-        rows.append({"label": label, "kind": kind, "picture": picture, "value": number, "ci": ci})
-    return {"title": title, "rows": rows, "scale": svg.numbers(ticks)}
+    """Return the rows of a measure on one scale: a distance has a `floor`, a return has none."""
+    known = [one for one in estimates if one is not None]
+    low, high = min(one.ci[0] for one in known), max(one.ci[1] for one in known)
+    room = (axes.SPARE - 1) * max(high - low, TINY)
+    scale = axes.Linear(low - room, high + room)
+    if floor is not None:
+        scale = axes.Linear(0.0, high * axes.SPARE)
+    labels, rows = ("robot" if floor is None else "robot, its other half", *WORLDS), []
+    for label, kind, one in zip(labels, KINDS, known, strict=False):
+        value, *ends = (f"{v:.3g}".replace("-", "−") for v in (one.value, *one.ci))
+        picture = svg.track(one.ci, [(one.value, kind)], floor, scale)
+        about = {"label": label, "kind": kind, "picture": picture}
+        rows.append(about | {"value": value, "ci": " to ".join(ends)})
+    return {"title": title, "rows": rows, "scale": svg.numbers(scale)}

@@ -12,17 +12,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from markupsafe import Markup
-
 from sim2real.diagnosis.report import axes, html, provenance, svg, text
 from sim2real.diagnosis.schema import Cause, Report
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
-from sim2real.runs.pages import template
 
 FILE = "report.json"
-START, SPAN = 0.04, 0.92  # of a line: where the smallest value is, and the length to the largest
 Key = tuple[str, str | None, str | None]
 
 
@@ -33,7 +28,7 @@ def write_comparison(path: str | Path, earlier: Report, later: Report) -> Path:
 
 def render(earlier: Report, later: Report) -> str:
     """Return the page."""
-    return template(html.PAGE / "comparison.html", *html.FILTERS).render(view(earlier, later))
+    return html.page("comparison.html").render(view(earlier, later))
 
 
 def read_report(path: str | Path) -> Report:
@@ -57,11 +52,9 @@ def view(earlier: Report, later: Report) -> dict[str, Any]:
     pair = (earlier, later)
     causes = _causes(pair)
     return {
-        "style": Markup("\n".join(map(html.part, html.STYLES))),
-        "script": Markup(html.part("theme.js") + "followTheme(() => {});"),
+        "pair": pair,
         "names": [", ".join(provenance.names(one.evidence.inputs)) for one in pair],
         "badges": [text.SUBTITLES[one.verdict] for one in pair],
-        "sentences": [text.verdict_sentence(one) for one in pair],
         "gaps": [_gap(one, earlier.gap.before) for one in pair],
         "causes": causes,
         "summary": _summary(causes),
@@ -79,41 +72,29 @@ def _gap(report: Report, like: float) -> dict[str, str]:
     }
 
 
-def _key(cause: Cause) -> Key:
-    return cause.effect, cause.extra.get("body") or cause.where, cause.side
-
-
 def _causes(pair: Sequence[Report]) -> list[dict[str, Any]]:
     """Return a row for each effect that either diagnosis gives a value."""
-    both = [{_key(cause): cause for cause in one.values} for one in pair]
-    return [
-        _row(key, [one.get(key) for one in both]) for key in dict.fromkeys([*both[0], *both[1]])
+    both = [
+        {(c.effect, c.extra.get("body") or c.where, c.side): c for c in one.values} for one in pair
     ]
+    return [_row(key, [one.get(key) for one in both]) for key in both[0] | both[1]]
 
 
 def _row(key: Key, found: Sequence[Cause | None]) -> dict[str, Any]:
     known = [cause for cause in found if cause is not None]
     unit, like = known[0].unit, known[0].value
     ends = [value for cause in known for value in (cause.value, *cause.value_ci)]
-    scale = axes.Linear(min(ends), max(ends) or 1.0, START, START + SPAN)
-    cells = []
-    for cause, kind in zip(found, ("step", "after"), strict=True):
-        if cause is None:
-            cells.append({"value": "not found", "ci": "", "picture": ""})
-            continue
-        low, high, at = map(float, scale(np.array([*cause.value_ci, cause.value])))
-        cells.append(
-            {
-                "value": text.quantity(cause.value, unit, like),
-                "ci": text.interval(cause.value_ci, unit, like),
-                "picture": svg.track(low, high, [(at, kind)]),
-            }
-        )
-    return {"name": text.format_effect(*key), "cells": cells, "verdict": _verdict(found)}
+    scale = axes.inset(min(ends), max(ends))
+    cells = [{"value": "not found", "ci": "", "picture": ""} for _ in found]
+    for cell, cause, kind in zip(cells, found, ("step", "after"), strict=True):
+        if cause is not None:
+            cell["value"] = text.quantity(cause.value, unit, like)
+            cell["ci"] = text.interval(cause.value_ci, unit, like)
+            cell["picture"] = svg.track(cause.value_ci, [(cause.value, kind)], None, scale, ())
+    return {"name": text.format_effect(*key), "cells": cells, "verdict": _verdict(*found)}
 
 
-def _verdict(found: Sequence[Cause | None]) -> str:
-    first, second = found
+def _verdict(first: Cause | None, second: Cause | None) -> str:
     if second is None:
         return "gone"
     if first is None:
@@ -125,34 +106,20 @@ def _verdict(found: Sequence[Cause | None]) -> str:
 def _summary(causes: Sequence[dict[str, Any]]) -> str:
     """Return in a sentence what is not alike."""
     said = {"new": "found only later", "gone": "found only earlier", "differs": "of another value"}
-    parts = [
-        f"{text}: {', '.join(one['name'] for one in causes if one['verdict'] == kind)}"
-        for kind, text in said.items()
-        if any(one["verdict"] == kind for one in causes)
-    ]
-    text = "; ".join(parts) or "both find the same, within their intervals"
-    return text[0].upper() + text[1:] + "."
+    names = {kind: [one["name"] for one in causes if one["verdict"] == kind] for kind in said}
+    parts = [f"{words}: {', '.join(names[kind])}" for kind, words in said.items() if names[kind]]
+    whole = "; ".join(parts) or "both find the same, within their intervals"
+    return whole[0].upper() + whole[1:] + "."
 
 
 def _joints(pair: Sequence[Report]) -> list[dict[str, Any]]:
     """Return each joint's gap and share in both."""
     both = [{where.joint: where for where in one.where} for one in pair]
+    unit = pair[0].gap.unit if pair[0].gap.unit != "spread" else ""
     rows = []
-    for joint in dict.fromkeys([*both[0], *both[1]]):
+    for joint in both[0] | both[1]:
         known = [one.get(joint) for one in both]
-        unit = pair[0].gap.unit
-        rows.append(
-            {
-                "joint": joint,
-                "cells": [
-                    {"gap": "–", "share": "–"}
-                    if where is None
-                    else {
-                        "gap": text.quantity(where.before, unit if unit != "spread" else ""),
-                        "share": text.percent(where.share),
-                    }
-                    for where in known
-                ],
-            }
-        )
+        gaps = [text.quantity(where and where.before, unit) for where in known]
+        shares = [text.percent(where and where.share) for where in known]
+        rows.append({"joint": joint, "gaps": gaps, "shares": shares})
     return rows

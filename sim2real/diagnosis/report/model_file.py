@@ -7,7 +7,7 @@ carry, each with the reason. Numbers have the six digits of MuJoCo's writer. Wha
 not change stays as it was.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,6 @@ from envs.effects.layout import compile_structure
 from envs.effects.structure import SeriesEffect
 from envs.plant import Fixed, Plant
 from sim2real.runs.files import write_text
-
-Put = Callable[[Any, np.ndarray], None]  # writes a row of a model's field into an element of a spec
 
 
 def write(spec: mujoco.MjSpec, effects: Sequence[Fixed], path: str | Path) -> dict[str, str]:
@@ -39,8 +37,9 @@ def write(spec: mujoco.MjSpec, effects: Sequence[Fixed], path: str | Path) -> di
         ParameterError: a value outside its range.
         OSError: the file cannot be written.
     """
-    left_out = {e.label(): reason for e, _ in effects if (reason := mjcf_limitation(e)) is not None}
-    said = [(e, values) for e, values in effects if mjcf_limitation(e) is None]
+    reasons = [(effect, mjcf_limitation(effect)) for effect, _ in effects]
+    left_out = {effect.label(): reason for effect, reason in reasons if reason is not None}
+    said = [one for one, (_, reason) in zip(effects, reasons, strict=True) if reason is None]
     changed = apply(spec, said)
     _absolute_folders(changed)
     changed.comment = _comment(said, left_out, spec.comment)
@@ -68,12 +67,12 @@ def apply(spec: mujoco.MjSpec, effects: Sequence[Fixed]) -> mujoco.MjSpec:
     for effect, _ in plain:
         effect.edit(changed)
     model, _ = compile_structure(changed, nominal)
-    for name, (elements, put) in FIELDS.items():
-        new = plant.batch.expanded(name)
+    for name, (kind, attribute) in FIELDS.items():
+        new, old = plant.batch.expanded(name), getattr(model, name)
         if new is not None:
-            for element, row in zip(elements(changed), _rows(name, model), strict=True):
-                if not np.array_equal(row[1], new[0][row[0]]):
-                    put(element, new[0][row[0]])
+            for element, row in zip(_elements(changed, kind), _rows(name, model), strict=True):
+                if not np.array_equal(old[row], new[0][row]):
+                    _put(element, attribute, new[0][row])
     _inertias(changed, model, plant)
     tilt = plant.batch.expanded(GRAVITY)
     if tilt is not None:
@@ -85,73 +84,47 @@ def apply(spec: mujoco.MjSpec, effects: Sequence[Fixed]) -> mujoco.MjSpec:
     return changed
 
 
-def _rows(name: str, model: mujoco.MjModel) -> list[tuple[Any, np.ndarray]]:
-    """Return index and value of each element's part of a model's field, in the elements' order."""
-    values = getattr(model, name)
+def _rows(name: str, model: mujoco.MjModel) -> list[int]:
+    """Return the row of each element in a model's field, in the elements' order."""
     if name.startswith("dof_"):  # one row a dof: a joint's first speaks for all of them
-        return [(int(i), values[i]) for i in model.jnt_dofadr]
-    return list(enumerate(values))
+        return model.jnt_dofadr.tolist()
+    return list(range(len(getattr(model, name))))
 
 
-def _joints(spec: mujoco.MjSpec) -> list[Any]:
-    return sorted(spec.joints, key=lambda joint: joint.id)  # numbered by the compiler
+def _elements(spec: mujoco.MjSpec, kind: str) -> list[Any]:
+    return sorted(getattr(spec, kind), key=lambda element: element.id)  # numbered by the compiler
 
 
-def _actuators(spec: mujoco.MjSpec) -> list[Any]:
-    return sorted(spec.actuators, key=lambda actuator: actuator.id)
-
-
-def _geoms(spec: mujoco.MjSpec) -> list[Any]:
-    return sorted(spec.geoms, key=lambda geom: geom.id)
-
-
-def _bodies(spec: mujoco.MjSpec) -> list[Any]:
-    return sorted(spec.bodies, key=lambda body: body.id)
-
-
-def _set(attribute: str) -> Put:
-    return lambda element, value: setattr(element, attribute, value)
-
-
-def _set_first(attribute: str) -> Put:
-    def put(element: Any, value: np.ndarray) -> None:
-        own = np.array(getattr(element, attribute), dtype=np.float64)
-        own[: np.size(value)] = value
-        setattr(element, attribute, own)
-
-    return put
-
-
-def _set_control_range(actuator: Any, value: np.ndarray) -> None:
-    actuator.ctrlrange, actuator.inheritrange = value, 0.0
+def _put(element: Any, attribute: str, value: np.ndarray) -> None:
+    """Write a row of a model's field; an attribute may have further numbers, which stay."""
+    own = np.array(getattr(element, attribute), dtype=np.float64)
+    own.flat[: np.size(value)] = value
+    setattr(element, attribute, own[()])
+    if attribute == "ctrlrange":
+        element.inheritrange = 0.0
 
 
 # The fields that effects write, but those of inertia: whose they are, and where they belong there.
-FIELDS: dict[str, tuple[Callable[[mujoco.MjSpec], Iterable[Any]], Put]] = {
-    "dof_frictionloss": (_joints, _set("frictionloss")),
-    "dof_solimp": (_joints, _set("solimp_friction")),
-    "dof_solref": (_joints, _set("solref_friction")),
-    "dof_damping": (_joints, _set_first("damping")),
-    "dof_armature": (_joints, _set("armature")),
-    "jnt_range": (_joints, _set("range")),
-    "jnt_stiffness": (_joints, _set_first("stiffness")),
-    "actuator_gainprm": (_actuators, _set("gainprm")),
-    "actuator_biasprm": (_actuators, _set("biasprm")),
-    "actuator_forcerange": (_actuators, _set("forcerange")),
-    "actuator_ctrlrange": (_actuators, _set_control_range),
-    "actuator_damping": (_actuators, _set_first("damping")),
-    "actuator_delay": (_actuators, _set("delay")),
-    "geom_friction": (_geoms, _set("friction")),
-    "geom_solref": (_geoms, _set("solref")),
-    "geom_solmix": (_geoms, _set("solmix")),
+FIELDS = {
+    "dof_frictionloss": ("joints", "frictionloss"),
+    "dof_solimp": ("joints", "solimp_friction"),
+    "dof_solref": ("joints", "solref_friction"),
+    "dof_damping": ("joints", "damping"),
+    "dof_armature": ("joints", "armature"),
+    "jnt_range": ("joints", "range"),
+    "jnt_stiffness": ("joints", "stiffness"),
+    "actuator_gainprm": ("actuators", "gainprm"),
+    "actuator_biasprm": ("actuators", "biasprm"),
+    "actuator_forcerange": ("actuators", "forcerange"),
+    "actuator_ctrlrange": ("actuators", "ctrlrange"),
+    "actuator_damping": ("actuators", "damping"),
+    "actuator_delay": ("actuators", "delay"),
+    "geom_friction": ("geoms", "friction"),
+    "geom_solref": ("geoms", "solref"),
+    "geom_solmix": ("geoms", "solmix"),
 }
 GRAVITY = "opt.gravity"
-INERTIA = {
-    "body_mass": "mass",
-    "body_ipos": "ipos",
-    "body_iquat": "iquat",
-    "body_inertia": "inertia",
-}
+INERTIA = ("body_mass", "body_ipos", "body_iquat", "body_inertia")
 
 
 def _inertias(spec: mujoco.MjSpec, model: mujoco.MjModel, plant: Plant) -> None:
@@ -160,18 +133,13 @@ def _inertias(spec: mujoco.MjSpec, model: mujoco.MjModel, plant: Plant) -> None:
     now = {n: getattr(model, n) if v is None else v[0] for n, v in new.items()}
     if all(np.array_equal(now[n], getattr(model, n)) for n in INERTIA):
         return
-    _free_inertias(spec)
-    for i, body in enumerate(_bodies(spec)):
+    for i, body in enumerate(_elements(spec, "bodies")):
         if i and now["body_mass"][i] > 0:
             body.explicitinertial = True
-            for name, attribute in INERTIA.items():
-                setattr(body, attribute, now[name][i])
-
-
-def _free_inertias(spec: mujoco.MjSpec) -> None:
-    """Keep the compiler from replacing or scaling what is written."""
+            for name, values in now.items():
+                setattr(body, name.removeprefix("body_"), values[i])
     auto = 2  # inertiafromgeom: geoms count where a body says nothing
-    spec.compiler.inertiafromgeom = auto
+    spec.compiler.inertiafromgeom = auto  # else the compiler replaces or scales what is written
     spec.compiler.settotalmass = -1.0
     spec.compiler.boundmass = spec.compiler.boundinertia = 0.0
     spec.compiler.balanceinertia = False

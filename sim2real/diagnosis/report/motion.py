@@ -41,17 +41,16 @@ def skeleton(model: mujoco.MjModel) -> dict[str, Any]:
 
 
 def _body(model: mujoco.MjModel, home: mujoco.MjData, number: int) -> dict[str, Any]:
-    first, count = int(model.body_jntadr[number]), int(model.body_jntnum[number])
-    joints = range(first, first + count) if count else range(0)
+    joints = np.flatnonzero(model.jnt_bodyid == number).tolist()
     moved = [j for j in joints if int(model.jnt_type[j]) in MOVED]
+    parent = int(model.body_parentid[number])
     own = {
-        "parent": int(model.body_parentid[number]) - 1,
+        "parent": parent - 1,
         "position": _rounded(model.body_pos[number]),
         "turn": _rounded(model.body_quat[number]),
         "joints": [_joint(model, home, j) for j in moved],
     }
-    if len(moved) < count:  # free or ball: as it stands at home, seen from the world or its parent
-        parent = int(model.body_parentid[number])
+    if moved != joints:  # free or ball: as it stands at home, seen from the world or its parent
         base, here = (Rotation.from_matrix(home.xmat[i].reshape(3, 3)) for i in (parent, number))
         place = base.inv().apply(home.xpos[number] - home.xpos[parent])
         turn = (base.inv() * here).as_quat(scalar_first=True)

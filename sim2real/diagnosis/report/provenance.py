@@ -1,11 +1,18 @@
-"""What a report says of how it was made: its inputs, its settings, the command that repeats it."""
+"""What a report says of how it was made: its inputs, its settings, the command that repeats it.
+
+inputs["link"] = links(logs)            # of the logs whose metadata tell it, by `hardware/link.py`
+link_rows(inputs)                       # a row for each servo of each of them
+"""
 
 import os
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from hardware.link import PERCENTILES
+from hardware.log import Log
+from sim2real.diagnosis.data.pairs import name_of
 from sim2real.diagnosis.settings import Row
 
 HASH, HASHES = 12, 3  # digits of a hash next to the verdict, and how many hashes are shown
@@ -33,18 +40,16 @@ def setting(row: Row) -> dict[str, str]:
 def header(inputs: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return what stands below the verdict: date, robot, versions, logs with their hashes."""
     versions = inputs.get("versions", {})
-    rows = [
-        ("Made", str(inputs.get("made", ""))),
-        ("Robot", ", ".join(inputs.get("robots", []))),
-        ("With", ", ".join(f"{name} {version}" for name, version in versions.items())),
-    ]
-    hashes = [
-        (f"SHA-256 of {Path(log).name}", text[:HASH])
-        for log, text in inputs.get("sha256", {}).items()
-    ]
+    hashes = inputs.get("sha256", {})
+    shown = {f"SHA-256 of {Path(log).name}": text[:HASH] for log, text in hashes.items()}
     if len(hashes) > HASHES:
-        hashes = [("SHA-256 of the logs", f"{len(hashes)}, see below")]
-    return [(name, value) for name, value in [*rows, *hashes] if value]
+        shown = {"SHA-256 of the logs": f"{len(hashes)}, see below"}
+    rows = {
+        "Made": inputs.get("made", ""),
+        "Robot": ", ".join(inputs.get("robots", [])),
+        "With": ", ".join(f"{name} {version}" for name, version in versions.items()),
+    }
+    return [(name, value) for name, value in (rows | shown).items() if value]
 
 
 def flat(tree: Mapping[str, Any], head: str = "") -> list[tuple[str, str]]:
@@ -58,7 +63,7 @@ def flat(tree: Mapping[str, Any], head: str = "") -> list[tuple[str, str]]:
         if isinstance(value, Mapping):
             lines += flat(value, f"{title}: ")
         elif key in ("logs", "models"):
-            lines.append((title, ", ".join(map(_short, _listed(value))) or "none"))
+            lines.append((title, ", ".join(map(_short, value)) or "none"))
         elif isinstance(value, list | tuple):
             lines.append((title, number(value) or "none"))
         else:
@@ -66,9 +71,35 @@ def flat(tree: Mapping[str, Any], head: str = "") -> list[tuple[str, str]]:
     return lines
 
 
+def links(logs: Iterable[Log]) -> dict[str, Mapping[str, Any]]:
+    """Return what the metadata of logs tell of their link, by the name of the log's file."""
+    return {
+        name_of(log, f"log {number}"): log.meta["link"]
+        for number, log in enumerate(logs, 1)
+        if "link" in log.meta
+    }
+
+
+def link_rows(inputs: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the rows of the link's table: one for each servo; times in milliseconds."""
+    rows = []
+    for name, quality in inputs.get("link", {}).items():
+        period = quality["period"]
+        times = [f"{1e3 * period[f'p{p}']:.1f}" if period else "–" for p in PERCENTILES]
+        score = quality.get("score")
+        common = {
+            "log": Path(name).name,
+            "periods": times,
+            "overruns": quality["overruns"],
+            "score": "–" if score is None else f"{score['score']:.2f}",
+        }
+        rows += [common | {"servo": servo, **counts} for servo, counts in quality["servos"].items()]
+    return rows
+
+
 def names(inputs: Mapping[str, Any]) -> list[str]:
     """Return the names of the logs' files."""
-    return [Path(log).name for log in _listed(inputs.get("logs", []))]
+    return [Path(log).name for log in inputs.get("logs", [])]
 
 
 def command(inputs: Mapping[str, Any]) -> str:
@@ -81,16 +112,11 @@ def command(inputs: Mapping[str, Any]) -> str:
 
 def sources(inputs: Mapping[str, Any]) -> list[str]:
     """Return log=... and model=..., quoted for a shell."""
-    logs = [_short(log) for log in _listed(inputs.get("logs", []))]
-    log = logs[0] if len(logs) == 1 else f"[{','.join(logs)}]"
-    models = sorted({_short(str(m)) for m in inputs.get("models", [])})
-    parts = [f"log={log}", *([f"model={models[0]}"] if len(models) == 1 else [])]
+    logs = [_short(log) for log in inputs.get("logs", [])]
+    parts = ["log=" + (logs[0] if len(logs) == 1 else f"[{','.join(logs)}]")]
+    models = {_short(model) for model in inputs.get("models", [])}
+    parts += [f"model={model}" for model in models if len(models) == 1]
     return [shlex.quote(part) for part in parts]
-
-
-def _listed(paths: Any) -> list[str]:
-    """Return one path, or several, as a list of texts."""
-    return [paths] if isinstance(paths, str) else list(map(str, paths))
 
 
 def _short(path: str) -> str:

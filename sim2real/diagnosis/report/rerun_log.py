@@ -52,17 +52,24 @@ def write_rerun(path: str | Path, gaps: Mapping[str, Sequence[Gap]], spec: mujoc
 
 
 def _log(rr: Any, stream: Any, model: mujoco.MjModel, gap: Gap, lines: Mapping[str, Any]) -> None:
-    """Send every episode of a log."""
+    """Send every episode of a log: shapes once, and in each row where bodies and joints are."""
     name = gap.log.path.name if gap.log.path else "log"
-    columns = positions(gap.log, model)
+    places = list(positions(gap.log, model).values())
+    shapes = [(int(model.geom_bodyid[one[0]]), *one) for one in robot_drawing.outlines(model)]
+    bodies = {body: model.body(body).name or body for body, *_ in shapes}
     for episode in np.unique(gap.log.episode):
         rows = gap.log.episode == episode
         place = f"{name}/episode {episode}"
         clock = [rr.TimeColumn(TIMELINE, duration=gap.time[rows])]
         for kind, line in lines.items():
-            _send_robot(
-                rr, stream, model, f"{place}/robot/{kind}", clock, kind, line[rows], columns
-            )
+            at, turned = _poses(model, places, line[rows])
+            for body, called in bodies.items():
+                poses = rr.Transform3D.columns(translation=at[:, body], quaternion=turned[:, body])
+                where = f"{place}/robot/{kind}/{called}"
+                rr.send_columns(where, clock, poses, recording=stream)
+            for body, geom, points, radius in shapes:
+                where = f"{place}/robot/{kind}/{bodies[body]}/shape {geom}"
+                stream.log(where, _shape(rr, points, radius, COLOURS[kind]), static=True)
             for i, joint in enumerate(gap.joints):
                 where = f"{place}/joints/{joint}/{kind}"
                 values = rr.Scalars.columns(scalars=line[rows, i])
@@ -70,35 +77,18 @@ def _log(rr: Any, stream: Any, model: mujoco.MjModel, gap: Gap, lines: Mapping[s
                 rr.send_columns(where, clock, values, recording=stream)
 
 
-def _send_robot(
-    rr: Any,
-    stream: Any,
-    model: mujoco.MjModel,
-    place: str,
-    clock: list[Any],
-    kind: str,
-    line: np.ndarray,
-    columns: Mapping[str, int],
-) -> None:
-    """Send a robot's shapes once, and where its bodies are in each row of positions (T, M)."""
+def _poses(
+    model: mujoco.MjModel, places: list[int], line: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where bodies are, (T, B, 3), and how they are turned, (T, B, 4), w last."""
     data = robot_drawing.at_home(model)
     at, turned = [], []
     for values in line:
-        data.qpos[list(columns.values())] = values
+        data.qpos[places] = values
         mujoco.mj_kinematics(model, data)
         at.append(data.xpos.copy())
-        turned.append(np.roll(data.xquat, -1, axis=1))  # Rerun has w last
-    bodies = {int(model.geom_bodyid[geom]) for geom, _, _ in robot_drawing.outlines(model)}
-    for body in bodies:
-        where = f"{place}/{model.body(body).name or body}"
-        poses = rr.Transform3D.columns(
-            translation=np.array(at)[:, body], quaternion=np.array(turned)[:, body]
-        )
-        rr.send_columns(where, clock, poses, recording=stream)
-    for geom, points, radius in robot_drawing.outlines(model):
-        body = int(model.geom_bodyid[geom])
-        where = f"{place}/{model.body(body).name or body}/shape {geom}"
-        stream.log(where, _shape(rr, points, radius, COLOURS[kind]), static=True)
+        turned.append(np.roll(data.xquat, -1, axis=1))
+    return np.array(at), np.array(turned)
 
 
 def _shape(rr: Any, points: np.ndarray, radius: float, colour: tuple[int, int, int]) -> Any:

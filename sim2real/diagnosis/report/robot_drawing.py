@@ -35,7 +35,6 @@ SMALLEST = 1e-6  # m: a robot is drawn as if it were at least so large
 PALE, DARK, BEND = 0.15, 0.85, 0.7  # tint of no share, what the whole gap adds, and the exponent
 TINT_DIGITS = 3
 SPHERE, CAPSULE = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
-MIDDLE, LONG = np.zeros((1, 3)), np.array([0.0, 0.0, 1.0])  # of a sphere; a capsule's axis
 PLANES = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 
 
@@ -94,9 +93,9 @@ def outlines(model: mujoco.MjModel) -> Iterator[tuple[int, np.ndarray, float]]:
             continue
         turn = Rotation.from_quat(model.geom_quat[i], scalar_first=True)
         if kind == SPHERE:
-            points, radius = MIDDLE, float(size[0])
+            points, radius = np.zeros((1, 3)), float(size[0])
         elif kind == CAPSULE:
-            points, radius = np.outer([-size[1], size[1]], LONG), float(size[0])
+            points, radius = np.outer([-size[1], size[1]], (0, 0, 1)), float(size[0])
         else:
             points, radius = _corners(model, i), 0.0
         yield i, model.geom_pos[i] + turn.apply(points), radius
@@ -125,8 +124,8 @@ def _corners(model: mujoco.MjModel, geom: int) -> np.ndarray:
     middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
     if int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_CYLINDER):
         turn = np.linspace(0, TURN, RIM, endpoint=False)
-        rim = model.geom_size[geom, 0] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-        long = float(model.geom_size[geom, 1])
+        radius, long, _ = model.geom_size[geom]
+        rim = radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
         return np.concatenate([np.column_stack([rim, np.full(RIM, z)]) for z in (-long, long)])
     return middle + half * np.array(list(itertools.product((-1, 1), repeat=3)))
 
@@ -150,44 +149,37 @@ def _fit(shapes: Sequence[_Shape], joints: Sequence[np.ndarray]) -> tuple[_Place
 
 def _draw(shape: _Shape, place: _Place, scale: float) -> Markup:
     points = "L".join(f"{x:.1f} {y:.1f}" for x, y in place(shape.points))
-    width = max(2 * shape.radius * scale, THINNEST)
     if shape.radius == 0:
         return Markup('<path class="part" d="M{}Z"/>').format(points)
-    line = Markup('<path class="{}" stroke-width="{:.1f}" d="M{}{}"/>')
-    edge = line.format("edge", width + EDGE, points, "Z" if len(shape.points) == 1 else "")
-    return edge + line.format("limb", width, points, "Z" if len(shape.points) == 1 else "")
+    points += "Z" if len(shape.points) == 1 else ""
+    width = max(2 * shape.radius * scale, THINNEST)
+    line = Markup('<path class="{}" stroke-width="{:.1f}" d="M{}"/>')
+    return line.format("edge", width + EDGE, points) + line.format("limb", width, points)
 
 
 def _marks(marks: Mapping[str, np.ndarray], shares: Mapping[str, float]) -> Iterator[Markup]:
     """Yield a disc at each joint, and names at both sides for those with the largest shares."""
+    disc = Markup('<circle class="joint" cx="{:.1f}" cy="{:.1f}" r="{:.1f}" style="--tint: {}"/>')
+    lead = Markup('<path class="lead" d="M{:.1f} {:.1f}L{:.1f} {:.1f}"/>')
+    label = Markup(
+        '<text class="name" text-anchor="{}" x="{:.1f}" y="{:.1f}">{}'
+        ' <tspan class="share">{}</tspan></text>'
+    )
     for name in sorted(marks, key=lambda n: shares[n]):
-        x, y = marks[name]
-        radius, tint = DISC + DISC_GROWTH * np.sqrt(max(shares[name], 0.0)), _tint(shares[name])
-        disc = Markup('<circle class="joint" cx="{:.1f}" cy="{:.1f}" r="{:.1f}" {}/>')
-        yield disc.format(x, y, radius, Markup('style="--tint: {}"').format(tint))
+        share = max(shares[name], 0.0)
+        tint = round(PALE + DARK * min(share, 1.0) ** BEND, TINT_DIGITS)
+        yield disc.format(*marks[name], DISC + DISC_GROWTH * np.sqrt(share), tint)
     named = sorted((n for n in marks if shares[n] >= LEAST), key=lambda n: -shares[n])[:NAMED]
-    for side, names in _sides(marks, named):
-        for name, row in zip(names, _rows([float(marks[n][1]) for n in names]), strict=True):
-            x, y = marks[name]
-            end = END if side == "start" else WIDTH - END
-            near = end + LEAD * (1 if side == "start" else -1)
-            lead = Markup('<path class="lead" d="M{:.1f} {:.1f}L{:.1f} {:.1f}"/>')
-            yield lead.format(near, row, x, y)
-            label = Markup(
-                '<text class="name" text-anchor="{}" x="{:.1f}" y="{:.1f}">{}'
-                ' <tspan class="share">{}</tspan></text>'
-            )
-            yield label.format(side, end, row, name, text.percent(shares[name]))
-
-
-def _sides(
-    marks: Mapping[str, np.ndarray], names: Sequence[str]
-) -> Iterator[tuple[str, list[str]]]:
-    """Yield the names on the left and those on the right, from top to bottom, evenly shared."""
-    order = sorted(names, key=lambda n: float(marks[n][0]))
+    order = sorted(named, key=lambda n: float(marks[n][0]))  # from left to right
     half = len(order) // 2
-    for side, chosen in (("start", order[:half]), ("end", order[half:])):
-        yield side, sorted(chosen, key=lambda n: float(marks[n][1]))
+    for side, end, near, own in (
+        ("start", END, END + LEAD, order[:half]),
+        ("end", WIDTH - END, WIDTH - END - LEAD, order[half:]),
+    ):
+        own = sorted(own, key=lambda n: float(marks[n][1]))  # from top to bottom
+        for name, row in zip(own, _rows([float(marks[n][1]) for n in own]), strict=True):
+            yield lead.format(near, row, *marks[name])
+            yield label.format(side, end, row, name, text.percent(shares[name]))
 
 
 def _rows(wanted: list[float]) -> list[float]:
@@ -195,9 +187,5 @@ def _rows(wanted: list[float]) -> list[float]:
     rows: list[float] = []
     for y in wanted:
         rows.append(max(y, rows[-1] + ROW if rows else MARGIN))
-    over = max(0.0, (rows[-1] - (HEIGHT - MARGIN)) if rows else 0.0)
+    over = max([0.0, *(row - (HEIGHT - MARGIN) for row in rows)])
     return [row - over for row in rows]
-
-
-def _tint(share: float) -> float:
-    return round(PALE + DARK * min(max(share, 0.0), 1.0) ** BEND, TINT_DIGITS)

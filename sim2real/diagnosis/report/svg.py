@@ -1,11 +1,13 @@
 """Pictures of a report as inline SVG: sharp at every width, readable in print, no script needed.
 
-    picture = window(trace, Span(3.0, 6.0))         # measured, simulated before and after
-    picture = track(0.2, 0.3, [(0.25, "after")])    # an interval and a dot on a line from 0 to 1
+    picture = window(Piece(trace, 3.0, 6.0), "…")   # measured, simulated before and after
+    picture = track((0.2, 0.3), [(0.25, "after")])  # an interval and a dot on a line from 0 to 1
 
 Every text that comes from outside is escaped. Colours are those of Okabe and Ito, and lines differ
 in their dashes too.
 """
+
+from __future__ import annotations
 
 import math
 from collections.abc import Sequence
@@ -15,7 +17,7 @@ import numpy as np
 from markupsafe import Markup
 
 from sim2real.diagnosis.evidence import Trace
-from sim2real.diagnosis.report.axes import Linear, Signed
+from sim2real.diagnosis.report.axes import Axis, Linear, Signed
 from sim2real.diagnosis.settings import TINY
 
 WIDTH, TOP, MAIN, GAP, ERROR, LEFT, BOTTOM = 330, 6, 118, 14, 56, 52, 22  # of a window, units
@@ -32,40 +34,48 @@ BENT = 12.0  # largest error, in twice the noise floor, from which the error axi
 NUMBER, UNIT, TIME, LAST = 5, 11, 14, 9  # distances of numbers and of the last one, units
 LEAST = 1e-6  # rad or m: room above and below positions that do not change
 LINES = ("measured", "nominal", "corrected")  # drawn in this order
+SHARES = Linear(0.0, 1.0)
 
 
-class Span(NamedTuple):
-    """A piece of a trace, in seconds."""
+class Piece(NamedTuple):
+    """A piece of a trace."""
 
-    start: float
-    end: float
+    trace: Trace
+    start: float  # s
+    end: float  # s
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Which rows of the trace lie in it, (T,) bool."""
+        return (self.trace.time >= self.start) & (self.trace.time <= self.end)
+
+    def error(self, line: str) -> float:
+        """Return the root mean square of a simulation's error over the compared rows."""
+        chosen = self.rows & compared(self.trace)
+        errors = (getattr(self.trace, line) - self.trace.measured)[chosen]
+        return float(np.sqrt(np.mean(errors**2)))
+
+    def overlaps(self, other: Piece) -> bool:
+        """Return whether two pieces share some of one recording."""
+        one, two = self.trace, other.trace
+        same = (one.log, one.episode) == (two.log, two.episode)
+        return same and self.start < other.end and other.start < self.end
 
 
-def spans(trace: Trace, seconds: float) -> list[Span]:
+def pieces(trace: Trace, seconds: float) -> list[Piece]:
     """Return half overlapping pieces of a trace that hold many rows which are compared."""
     time, known = trace.time, compared(trace)
-    if time[-1] - time[0] <= seconds:
-        return [Span(float(time[0]), float(time[-1]))] if known.any() else []
-    starts = np.arange(time[0], time[-1] - seconds, seconds / 2)
-    every = [Span(float(s), float(s + seconds)) for s in starts]
-    counts = [int(known[rows(trace, span)].sum()) for span in every]
-    return [s for s, n in zip(every, counts, strict=True) if n > 0 and n >= FULL * max(counts)]
-
-
-def rows(trace: Trace, span: Span) -> np.ndarray:
-    """Return which rows of a trace lie in a piece of it, (T,) bool."""
-    return (trace.time >= span.start) & (trace.time <= span.end)
+    every = [Piece(trace, float(time[0]), float(time[-1]))]
+    if time[-1] - time[0] > seconds:
+        starts = np.arange(time[0], time[-1] - seconds, seconds / 2)
+        every = [Piece(trace, float(start), float(start + seconds)) for start in starts]
+    counts = [int(known[piece.rows].sum()) for piece in every]
+    return [p for p, n in zip(every, counts, strict=True) if n > 0 and n >= FULL * max(counts)]
 
 
 def compared(trace: Trace) -> np.ndarray:
     """Return which rows of a trace the simulation is compared with, (T,) bool."""
     return np.isfinite(trace.nominal)
-
-
-def error(trace: Trace, line: str, span: Span) -> float:
-    """Return the root mean square of a simulation's error over the compared rows of a piece."""
-    chosen = rows(trace, span) & compared(trace)
-    return float(np.sqrt(np.mean((getattr(trace, line) - trace.measured)[chosen] ** 2)))
 
 
 def lines(trace: Trace) -> tuple[str, ...]:
@@ -74,46 +84,44 @@ def lines(trace: Trace) -> tuple[str, ...]:
     return LINES[:2] if same else LINES
 
 
-def window(trace: Trace, span: Span, title: str) -> Markup:
+def window(piece: Piece, title: str) -> Markup:
     """Draw a piece of a trace: positions above, errors below with the noise floor as a band.
 
     Args:
-        trace: one joint of one episode.
-        span: the piece.
+        piece: of one joint in one episode.
         title: what a screen reader says.
     """
-    inside = rows(trace, span)
-    stride = max(1, math.ceil(inside.sum() / POINTS))
-    index = np.flatnonzero(inside)[::stride]
+    trace, inside = piece.trace, np.flatnonzero(piece.rows)
+    index = inside[:: max(1, math.ceil(len(inside) / POINTS))]
     time, floor = trace.time[index], trace.floor
     scale = 1 / MILLI if trace.unit in ("rad", "m") else 1.0
     names = lines(trace)
     values = {line: getattr(trace, line)[index] for line in names}
     errors = {line: scale * (values[line] - values["measured"]) for line in names[1:]}
-    x = Linear(span.start, span.end, LEFT, WIDTH - EDGE)
+    x = Linear(piece.start, piece.end, LEFT, WIDTH - EDGE)
     upper = Linear(*_limits([*values.values()]), TOP + MAIN, TOP)
     base = TOP + MAIN + GAP
     lower = _errors([*errors.values()], 2 * floor * scale, base)
     runs = _runs(trace, index)
-    parts = [_restarts(trace, span, x, base + ERROR)]
+    parts = [_restarts(piece, x, base + ERROR)]
     parts += [_frame(x, upper, labels=False), _frame(x, lower, labels=True)]
     flat = np.full(2, 2 * floor * scale)
-    parts.append(_band(x(np.array(span)), lower(-flat), lower(flat)))
+    parts.append(_band(x(np.array(piece[1:])), lower(-flat), lower(flat)))
     parts.append(_line(x(time), upper(values["measured"]), "measured"))
     for line in names[1:]:
         parts += [_line(x(time[run]), upper(values[line][run]), line) for run in runs]
         parts += [_line(x(time[run]), lower(errors[line][run]), line) for run in runs]
-    unit = trace.unit
-    small = f"error, m{unit}" if scale != 1 else f"error, {unit}"
-    parts.append(_upright(TOP + MAIN / 2, unit))
-    parts.append(_upright(base + ERROR / 2, small))
-    height = base + ERROR + BOTTOM
-    return _svg(WIDTH, height, title, parts)
+    small = f"error, {'m' if scale != 1 else ''}{trace.unit}"
+    parts += [_upright(TOP + MAIN / 2, trace.unit), _upright(base + ERROR / 2, small)]
+    head = Markup('<svg class="plot" viewBox="0 0 {} {}" role="img" aria-label="{}">')
+    size = WIDTH, base + ERROR + BOTTOM
+    return head.format(*size, title) + Markup("").join(parts) + Markup("</svg>")
 
 
-def _errors(errors: Sequence[np.ndarray], floor: float, base: float) -> Linear | Signed:
+def _errors(errors: Sequence[np.ndarray], floor: float, base: float) -> Axis:
     """Return an axis for errors, logarithmic where the largest is far above the noise."""
-    most = SPARE * max(max(float(np.nanmax(np.abs(e))) for e in errors), BANDS / 2 * floor, TINY)
+    largest = float(np.nanmax(np.abs(np.concatenate(errors))))
+    most = SPARE * max(largest, BANDS / 2 * floor, TINY)
     if floor > 0 and most > BENT * floor:
         return Signed(max(floor, most / SPREAD), most, base + ERROR, base)
     return Linear(-most, most, base + ERROR, base)
@@ -128,40 +136,34 @@ def _runs(trace: Trace, index: np.ndarray) -> list[np.ndarray]:
     return [run for run in runs if len(run) and known[run[0]]]
 
 
-def _restarts(trace: Trace, span: Span, x: Linear, bottom: float) -> Markup:
+def _restarts(piece: Piece, x: Linear, bottom: float) -> Markup:
     """Mark where the simulation starts again from the measured state."""
-    times = trace.time[trace.starts]
+    times = piece.trace.time[piece.trace.starts]
+    inside = times[(piece.start < times) & (times < piece.end)]
     line = Markup('<path class="restart" d="M{:.1f} {}V{}"/>')
-    return Markup("").join(
-        line.format(float(x(t)), TOP, bottom) for t in times if span.start < t < span.end
-    )
+    return Markup("").join(line.format(at, TOP, bottom) for at in x(inside))
 
 
 def _limits(values: Sequence[np.ndarray]) -> tuple[float, float]:
-    low = min(float(np.nanmin(v)) for v in values)
-    high = max(float(np.nanmax(v)) for v in values)
+    every = np.concatenate(values)
+    low, high = float(np.nanmin(every)), float(np.nanmax(every))
     room = max(ROOM * (high - low), LEAST)
     return low - room, high + room
 
 
-def _frame(x: Linear, y: Linear | Signed, labels: bool) -> Markup:
+def _frame(x: Linear, y: Axis, labels: bool) -> Markup:
     """Draw grid lines and numbers; those of time below the lower plot only."""
     out = []
-    for value, text in y.ticks(TICKS if y.start - y.end > TALL else FEW_TICKS):
-        at = float(y(value))
-        out.append(Markup('<path class="grid" d="M{} {:.1f}H{}"/>').format(x.start, at, x.end))
-        out.append(
-            Markup('<text class="n" x="{}" y="{:.1f}">{}</text>').format(LEFT - NUMBER, at, text)
-        )
-    for value, text in x.ticks(TICKS):
-        at = float(x(value))
-        out.append(Markup('<path class="grid" d="M{:.1f} {}V{}"/>').format(at, y.start, y.end))
+    across = Markup('<path class="grid" d="M{} {:.1f}H{}"/>')
+    beside = Markup('<text class="n" x="{}" y="{:.1f}">{}</text>')
+    for at, text in y.ticks(TICKS if y.start - y.end > TALL else FEW_TICKS):
+        out += [across.format(x.start, at, x.end), beside.format(LEFT - NUMBER, at, text)]
+    upright = Markup('<path class="grid" d="M{:.1f} {}V{}"/>')
+    below = Markup('<text class="t" x="{:.1f}" y="{}">{} s</text>')
+    for at, text in x.ticks(TICKS):
+        out.append(upright.format(at, y.start, y.end))
         if labels:
-            low = y.start + TIME
-            at = min(at, x.end - LAST)
-            out.append(
-                Markup('<text class="t" x="{:.1f}" y="{}">{} s</text>').format(at, low, text)
-            )
+            out.append(below.format(min(at, x.end - LAST), y.start + TIME, text))
     return Markup("").join(out)
 
 
@@ -183,61 +185,58 @@ def _upright(y: float, text: str) -> Markup:
     return upright.format(UNIT, y, text)
 
 
-def _svg(width: float, height: float, title: str, parts: Sequence[Markup]) -> Markup:
-    head = Markup('<svg class="plot" viewBox="0 0 {} {}" role="img" aria-label="{}">')
-    return head.format(width, height, title) + Markup("").join(parts) + Markup("</svg>")
-
-
 def track(
-    low: float | None,
-    high: float | None,
+    ends: Sequence[float] | None,
     dots: Sequence[tuple[float, str]],
-    floor: float = 0.0,
-    ticks: Sequence[float] = (),
+    floor: float | None = None,
+    scale: Axis = SHARES,
+    ticks: Sequence[float] | None = None,
 ) -> Markup:
-    """Draw an interval and dots on a line; all numbers are shares of its length.
+    """Draw an interval and dots on a line.
 
     Args:
-        low: start of the interval; None where there is none.
-        high: its end.
+        ends: of the interval; None where there is none.
         dots: values, each with its class of colours: before, after, step or floor. The first one's
             is the interval's too.
-        floor: what is shaded from the left on.
-        ticks: where thin lines stand.
+        floor: up to where it is shaded from the left on; None: it is not.
+        scale: of the line, from 0 to 1.
+        ticks: values at which thin lines stand; None: those of the scale's numbers.
     """
     out = [Markup('<svg class="track" height="22" role="presentation">')]
-    if floor > 0:
+    if floor is not None and scale(floor) > 0:
         shade = Markup('<rect class="shade" x="0" y="0" width="{}" height="22"/>')
-        out.append(shade.format(_part(floor)))
-    for tick in ticks:
-        line = Markup('<line class="tick" x1="{0}" x2="{0}" y1="0" y2="22"/>')
-        out.append(line.format(_part(tick)))
-    if low is not None and high is not None:
+        out.append(shade.format(_part(scale(floor))))
+    line = Markup('<line class="tick" x1="{0}" x2="{0}" y1="0" y2="22"/>')
+    lines = map(scale, ticks) if ticks is not None else [at for at, _ in scale.ticks(TICKS)]
+    out += [line.format(_part(at)) for at in lines]
+    if ends is not None:
         bar = Markup('<line class="bar {}" x1="{}" x2="{}" y1="11" y2="11"/>')
-        out.append(bar.format(dots[0][1], _part(low), _part(high)))
+        out.append(bar.format(dots[0][1], *(_part(scale(end)) for end in ends)))
     circle = Markup('<circle class="dot {}" cx="{}" cy="11" r="5"/>')
-    out += [circle.format(kind, _part(at)) for at, kind in dots]
+    out += [circle.format(kind, _part(scale(value))) for value, kind in dots]
     return Markup("").join([*out, Markup("</svg>")])
 
 
-def numbers(ticks: Sequence[tuple[float, str]]) -> Markup:
-    """Draw the numbers of a scale: shares of its length, with their text."""
+def numbers(scale: Axis, unit: str = "") -> Markup:
+    """Draw the numbers of a scale from 0 to 1; the last one has the unit."""
     text = Markup('<text x="{}" y="12" text-anchor="{}">{}</text>')
-    out = []
-    for at, said in ticks:
+    ticks, out = list(scale.ticks(TICKS)), []
+    for n, (at, said) in enumerate(ticks, 1):
         side = "start" if at < NEAR else "end" if at > 1 - NEAR else "middle"
-        out.append(text.format(_part(at), side, said))
+        last = f"\N{NO-BREAK SPACE}{unit}" if unit and n == len(ticks) else ""
+        out.append(text.format(_part(at), side, said + last))
     head = Markup('<svg class="numbers" height="16" role="presentation">')
     return Markup("").join([head, *out, Markup("</svg>")])
 
 
-def fill(share: float, kind: str) -> Markup:
+def fill(share: float) -> Markup:
     """Draw a bar from 0 to a share of the width."""
-    bar = Markup('<svg class="fill" height="10" role="presentation">{}</svg>')
-    back = Markup('<rect class="rail" width="100%" height="10" rx="2"/>')
-    own = Markup('<rect class="{}" width="{}" height="10" rx="2"/>').format(kind, _part(share))
-    return bar.format(back + own)
+    return Markup(
+        '<svg class="fill" height="10" role="presentation">'
+        '<rect class="rail" width="100%" height="10" rx="2"/>'
+        '<rect class="after" width="{}" height="10" rx="2"/></svg>'
+    ).format(_part(share))
 
 
-def _part(share: float) -> str:
-    return f"{min(max(share, 0.0), 1.0):.2%}"
+def _part(share: float | np.ndarray) -> str:
+    return f"{min(max(float(share), 0.0), 1.0):.2%}"

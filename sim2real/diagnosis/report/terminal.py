@@ -38,33 +38,26 @@ def format_verdict(report: Report, coloured: bool = False) -> str:
         report: a diagnosis.
         coloured: whether ANSI escape sequences mark the verdict and the table's head.
     """
-    verdict = SUBTITLES[report.verdict]
-    lines = [f"{_paint(verdict, BOLD + COLOURS[report.verdict], coloured)}. "]
-    lines[0] += verdict_sentence(report)
-    lines += ["", *_indented(align(list(_gap(report)), right=(1,)))]
+    bold, colour, reset = (BOLD, COLOURS[report.verdict], RESET) if coloured else ("", "", "")
+    verdict = f"{bold}{colour}{SUBTITLES[report.verdict]}{reset}"
+    lines = [f"{verdict}. {verdict_sentence(report)}", ""]
+    lines += [INDENT + line for line in align(list(_gap(report)), right=(1,))]
     if report.values:
         head, *rows = align([HEAD, *_rows(report.values)], right=(2, 4, 5))
-        lines += ["", *_indented([_paint(head, BOLD, coloured), *rows])]
+        lines += ["", *(INDENT + line for line in (f"{bold}{head}{reset}", *rows))]
     return "\n".join(lines) + "\n"
 
 
 def align(rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> list[str]:
-    """Return rows of cells as lines whose columns are aligned.
-
-    Args:
-        rows: at least one; all of one length.
-        right: the columns that are aligned at their right ends.
-    """
+    """Return rows of cells as lines of aligned columns, those of `right` at their right ends."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        (" " * GUTTER)
-        .join(
-            cell.rjust(width) if n in right else cell.ljust(width)
-            for n, (cell, width) in enumerate(zip(row, widths, strict=True))
-        )
-        .rstrip()
-        for row in rows
-    ]
+    sides = [str.rjust if n in right else str.ljust for n in range(len(widths))]
+    lines = []
+    for row in rows:
+        columns = zip(sides, row, widths, strict=True)
+        cells = [side(cell, width) for side, cell, width in columns]
+        lines.append((" " * GUTTER).join(cells).rstrip())
+    return lines
 
 
 def _gap(report: Report) -> Iterator[tuple[str, str]]:
@@ -93,11 +86,3 @@ def _rows(causes: Sequence[Cause]) -> Iterator[tuple[str, ...]]:
                 format_place(other.effect, other.where),
                 *4 * "–",
             )
-
-
-def _indented(lines: Sequence[str]) -> list[str]:
-    return [INDENT + line for line in lines]
-
-
-def _paint(text: str, codes: str, coloured: bool) -> str:
-    return f"{codes}{text}{RESET}" if coloured else text

@@ -38,7 +38,8 @@ def quantity(value: float | None, unit: str, like: float | None = None) -> str:
     """
     if value is None:
         return "–"
-    number, name = _scaled(value, unit, value if like is None else like)
+    name = scaling(unit, value if like is None else like)[1]
+    number = _number(value, unit, value if like is None else like)
     return f"{number}\N{NO-BREAK SPACE}{name}" if name else number
 
 
@@ -48,7 +49,16 @@ def interval(ends: Sequence[float] | None, unit: str, like: float | None = None)
         return ""
     low, high = ends
     like = max(abs(low), abs(high)) if like is None else like
-    return f"{_scaled(low, unit, like)[0]} to {quantity(high, unit, like)}"
+    return f"{_number(low, unit, like)} to {quantity(high, unit, like)}"
+
+
+def scaling(unit: str, like: float) -> tuple[float, str]:
+    """Return what values of a size are multiplied by to be shown, and their unit's name then."""
+    if unit == "spread":
+        return 100.0, "%"
+    if unit in SMALL and abs(like) < (0.1 if unit in ("N·m", "kg") else 1.0):
+        return 1e3, SMALL[unit]
+    return 1.0, unit
 
 
 def percent(share: float | None) -> str:
@@ -88,11 +98,10 @@ def verdict_sentence(report: Report) -> str:
         return "There is a gap, and no known effect explains it."
     subject = _and(subjects([place_of(cause) for cause in report.values]))
     if report.verdict == "fitted":
-        text = (
+        return (
             f"{len(report.fitted)} values make the simulation follow the robot and are no causes: "
             f"{subject} close {percent(gap.closed)} of the gap."
         )
-        return text
     verb = "explains" if len(report.causes) == 1 else "explain"
     text = f"{subject} {verb} {percent(gap.closed)} of the gap."
     if report.verdict == "partly_explained":
@@ -122,12 +131,11 @@ def subjects(causes: Sequence[tuple[str, str | None]]) -> list[str]:
     places: dict[str, list[str | None]] = {}
     for effect, where in causes:
         places.setdefault(effect, []).append(where)
-    return [
-        format_effect(effect, where[0])
-        if len(where) == 1
-        else f"{effect_display_name(effect)} at {len(where)} places"
-        for effect, where in places.items()
-    ]
+    found = []
+    for effect, own in places.items():
+        many = f"{effect_display_name(effect)} at {len(own)} places"
+        found.append(format_effect(effect, own[0]) if len(own) == 1 else many)
+    return found
 
 
 def details(report: Report) -> str:
@@ -143,14 +151,13 @@ def details(report: Report) -> str:
             f"Simulation error: {quantity(gap.before, gap.unit)}{motion}. The noise floor is"
             f" {floor}. No effect that was tried reduces the error{on}."
         )
-    further = "".join(
-        f" {text}" for text in (residual_sentence(report), same_joint_warning(report)) if text
-    )
-    return (
+    these = "this effect" if len(report.causes) == 1 else "these effects"
+    these = "these values" if report.fitted else these
+    said = (
         f"Simulation error{on}: {quantity(gap.before, gap.unit)}{motion} as given,"
-        f" {quantity(gap.after, gap.unit)} with {_these(report)}. The noise floor is"
-        f" {floor}.{further}"
+        f" {quantity(gap.after, gap.unit)} with {these}. The noise floor is {floor}."
     )
+    return " ".join(filter(None, (said, residual_sentence(report), same_joint_warning(report))))
 
 
 def residual_sentence(report: Report) -> str:
@@ -196,32 +203,19 @@ def numerics(found: Mapping[str, str]) -> list[str]:
     return [text[0].upper() + text[1:] for text in said]
 
 
-def _these(report: Report) -> str:
-    if report.fitted:
-        return "these values"
-    return "this effect" if len(report.causes) == 1 else "these effects"
-
-
 def _and(parts: Sequence[str]) -> str:
     return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
-def _scaled(value: float, unit: str, like: float) -> tuple[str, str]:
-    """Return the number as text and the name of its unit."""
-    if unit == "spread":
-        return _least(100 * value), "%"
-    if unit in SMALL and abs(like) < (0.1 if unit in ("N·m", "kg") else 1.0):
-        return _least(1e3 * value), SMALL[unit]
-    return _digits(value), unit
+def _number(value: float, unit: str, like: float) -> str:
+    """Return three digits without an exponent where a person would write none.
 
-
-def _least(value: float) -> str:
-    """Return three digits, or that it is next to nothing."""
-    return f"< {LEAST:g}" if 0 < abs(value) < LEAST / 2 else _digits(value)
-
-
-def _digits(value: float) -> str:
-    """Return three digits without an exponent where a person would write none."""
+    Of thousandths and shares, what is next to nothing is said to be that.
+    """
+    factor, _ = scaling(unit, like)
+    value *= factor
+    if factor > 1 and 0 < abs(value) < LEAST / 2:
+        return f"< {LEAST:g}"
     if value == 0 or not math.isfinite(value):
         return "0" if value == 0 else str(value)
     places = max(0, DIGITS - 1 - math.floor(math.log10(abs(value))))

@@ -10,7 +10,6 @@ out throughout, and a model that runs off comes back where the next window begin
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import chain
 
 import mujoco
 import numpy as np
@@ -18,16 +17,13 @@ import numpy as np
 from envs.effects.servo import is_joint_servo
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.pairs import name_of
 from sim2real.diagnosis.data.recording import episode_rows
 from sim2real.diagnosis.evidence import Kind, Signal, Trace
 
 Errors = Mapping[frozenset[int], np.ndarray]
 SWITCHED = 4  # causes at most that a reader can switch: of more there are too many combinations
-KINDS: dict[str, Kind] = {
-    "ctrl": "command",
-    "current": "current",
-    "voltage": "voltage",
-}  # of columns
+KINDS: dict[str, Kind] = {"ctrl": "command", "current": "current", "voltage": "voltage"}
 UNITS = {"current": "A", "voltage": "V"}
 
 
@@ -52,32 +48,23 @@ def _traces(
     data: Data, errors: Errors, floors: np.ndarray, number: int, rows: slice
 ) -> Iterator[Trace]:
     """Yield the joints of one episode: rows of a log."""
-    log = data.logs[number]
-    name = log.path.name if log.path else f"log {number + 1}"
-    whole = max(errors, key=len)
+    log, whole = data.logs[number], max(errors, key=len)
     inside = [
-        i
-        for i, w in enumerate(data.windows)
-        if w.log == number and rows.start <= w.first < rows.stop
+        (i, window, slice(window.first - rows.start, window.last - rows.start))
+        for i, window in enumerate(data.windows)
+        if window.log == number and rows.start <= window.first < rows.stop
     ]
-    starts = np.array([data.windows[i].first - rows.start for i in inside], int)
+    starts = np.array([own.start for *_, own in inside], int)
     for j, joint in enumerate(data.joints):
         measured = log.column(f"qpos.{joint.name}")[rows].copy()
-        for i in inside:  # an angle counts its turns from where its window starts
-            window = data.windows[i]
-            own = slice(window.first - rows.start, window.last - rows.start)
-            measured[own] = window.measured[:, j]
+        lines = {causes: np.full(len(measured), np.nan) for causes in errors}
+        for i, window, own in inside:
+            measured[own] = window.measured[:, j]  # an angle counts its turns from where it starts
+            for causes, line in lines.items():
+                error = joint.scale * errors[causes][i, : len(window.usable), j]
+                line[own] = window.measured[:, j] + np.where(window.usable, error, np.nan)
         clock = log.columns.get(f"stamp.{joint.name}", log.time)[rows]
-        lines = {}
-        for causes, error in errors.items():
-            line = np.full(len(measured), np.nan)
-            for i in inside:
-                window = data.windows[i]
-                own = slice(window.first - rows.start, window.last - rows.start)
-                count = window.last - window.first
-                gap = np.where(window.usable, joint.scale * error[i, :count, j], np.nan)
-                line[own] = window.measured[:, j] + gap
-            lines[causes] = line
+        name = name_of(log, f"log {number + 1}")
         about = (name, int(log.episode[rows.start]), joint.name, joint.unit)
         ends = (lines[frozenset()], lines[whole])
         subsets = lines if 0 < len(whole) <= SWITCHED and len(lines) == 2 ** len(whole) else {}
@@ -91,22 +78,19 @@ def signals(logs: Sequence[Log], models: Sequence[mujoco.MjModel]) -> tuple[Sign
         logs: the logs.
         models: the model of each.
     """
-    return tuple(
-        chain.from_iterable(_signals(*one) for one in enumerate(zip(logs, models, strict=True)))
-    )
-
-
-def _signals(number: int, pair: tuple[Log, mujoco.MjModel]) -> Iterator[Signal]:
-    log, model = pair
-    name = log.path.name if log.path else f"log {number + 1}"
-    for rows in episode_rows(log):
-        about = (name, int(log.episode[rows.start]))
-        for column, values in log.columns.items():
-            kind, _, actuator = column.partition(".")
-            if kind in KINDS:
-                joint, unit = _driven(model, actuator) if kind == "ctrl" else (None, UNITS[kind])
-                rest = (joint, log.time[rows], values[rows])
-                yield Signal(*about, KINDS[kind], actuator, unit, *rest)
+    found = []
+    for number, (log, model) in enumerate(zip(logs, models, strict=True), 1):
+        for rows in episode_rows(log):
+            about = (name_of(log, f"log {number}"), int(log.episode[rows.start]))
+            for column, values in log.columns.items():
+                kind, _, actuator = column.partition(".")
+                if kind in KINDS:
+                    joint, unit = (
+                        _driven(model, actuator) if kind == "ctrl" else (None, UNITS[kind])
+                    )
+                    rest = (joint, log.time[rows], values[rows])
+                    found.append(Signal(*about, KINDS[kind], actuator, unit, *rest))
+    return tuple(found)
 
 
 def _driven(model: mujoco.MjModel, actuator: str) -> tuple[str | None, str]:

@@ -126,6 +126,14 @@ def test_a_supply_that_was_measured_needs_no_statistics(model) -> None:
     assert passed.tolerated[0].effect == "supply_voltage"
 
 
+def test_a_supply_alone_may_be_watched(model) -> None:
+    """Its sensor says what changed, and nothing is left to test."""
+    sides = noisy(driven(), 1, voltage=12.0), noisy(driven(), 2, voltage=10.8)
+    answer = compare(*sides, model, watch=["supply_voltage"])
+    assert [change.source for change in answer.changes] == ["measured"]
+    assert [change.effect for change in answer.watched] == ["supply_voltage"]
+
+
 @pytest.mark.slow
 def test_limits_let_changes_pass_or_ask_for_more(model, changed: Comparison) -> None:
     """A change within its limit is tolerated; a limit below the resolution cannot be judged."""

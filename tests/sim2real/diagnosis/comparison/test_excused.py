@@ -34,8 +34,7 @@ def excused(model: str, rounds: int) -> tuple[Pieces, Excused, Prepared]:
 
     first = contrasts(made, made.error, BEFORE, AFTER)
     beside = confounders(made, BEFORE, AFTER, True)
-    ends = np.tile([[-np.inf], [np.inf]], len(beside.excused))
-    left = excuse(first, made, (BEFORE, AFTER), beside.excused, ends, beside.prior)
+    left = excuse(first, made, (BEFORE, AFTER), beside)
     return first, left, made
 
 

@@ -1,16 +1,19 @@
 """Permutation tests of many columns: false alarms, values, intervals."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from sim2real.diagnosis.comparison.changes import find_changes
+from sim2real.diagnosis.comparison.changes import Changes, find_changes
+from sim2real.diagnosis.comparison.confounders import Confounded
 from sim2real.diagnosis.comparison.permuted import Permuted, Prior
 from sim2real.diagnosis.comparison.pieces import Pieces
 from sim2real.diagnosis.settings import Compared
 
 ROWS, COLUMNS = 30, 5  # the last one is the clock
+NOTHING = Prior(np.zeros(COLUMNS), np.full(COLUMNS, np.inf))
 
 
 def pieces(
@@ -36,6 +39,23 @@ def mixed(made: Pieces, turn: np.ndarray) -> Pieces:
     return made._replace(curve=curve, down=made.down @ turn.T)
 
 
+def changes(
+    made: Pieces,
+    rng: np.random.Generator,
+    draws: int,
+    excused: tuple[int, ...] = (),
+    least: tuple[float, ...] = (0.0,) * (COLUMNS - 1),
+) -> Changes:
+    """Return what changed in columns of single effects."""
+    columns: list[Any] = [
+        SimpleNamespace(option=SimpleNamespace(name=f"effect{k}", shared=False))
+        for k in range(COLUMNS - 1)
+    ]
+    reach = np.full(COLUMNS - 1, np.inf)
+    beside = Confounded((), excused, (), (), (), np.array(least), NOTHING, reach, None)
+    return find_changes(made, columns, beside, NOTHING, rng, Compared(draws=draws))
+
+
 @pytest.mark.parametrize("sided", [False, True], ids=["differences", "sides"])
 def test_alarms_are_as_rare_as_promised(sided: bool) -> None:
     """Of 200 sets of pieces in which nothing changed, about 5 % alarm: never above 10 %."""
@@ -43,7 +63,7 @@ def test_alarms_are_as_rare_as_promised(sided: bool) -> None:
     for seed in range(200):
         rng = np.random.default_rng([seed, sided])
         made = pieces(rng, np.zeros(COLUMNS), 20, sided)
-        tests = Permuted(made, rng, 200).of(range(COLUMNS - 1), [COLUMNS - 1], 0.05)
+        tests = Permuted(made, rng, 200).of(range(COLUMNS - 1), [COLUMNS - 1], 0.05, NOTHING)
         alarms += bool((tests.p <= 0.05).any())
     assert alarms <= 20  # of a binomial with 0.05, exceeded by chance once in 500
 
@@ -56,7 +76,7 @@ def test_a_change_is_found_with_an_interval_that_holds_it(sided: bool) -> None:
     for seed in range(20):
         rng = np.random.default_rng(seed)
         tests = Permuted(pieces(rng, change, 24, sided), rng, 200).of(
-            [2], [0, 1, 3, COLUMNS - 1], 0.05
+            [2], [0, 1, 3, COLUMNS - 1], 0.05, NOTHING
         )
         covered += abs(tests.value[0] - 0.4) <= tests.critical * tests.spread[0]
     assert covered >= 17
@@ -69,8 +89,7 @@ def test_what_others_make_as_well_is_not_told() -> None:
     turn = np.eye(COLUMNS)
     turn[0] = [0, 1, 1, 0, 0]  # the first column becomes the second plus the third
     made = mixed(made, turn)
-    columns = [_named(k) for k in range(COLUMNS - 1)]
-    found = find_changes(made, columns, [1, 2], [], [], np.zeros(4), rng, Compared(draws=200))
+    found = changes(made, rng, 200, excused=(1, 2))
     assert found.untold == (0,)
     assert found.named == ()
 
@@ -82,11 +101,11 @@ def test_what_is_known_of_the_others_tells_two_apart() -> None:
     turn = np.eye(COLUMNS)
     turn[2] = [1, 1, 0, 0, 0]  # the third column is both
     made = mixed(made, turn)
-    permuted, free = Permuted(made, rng, 200), np.full(COLUMNS, np.inf)
-    alike = permuted.of([0, 1], [2, 4], 0.05)
+    permuted = Permuted(made, rng, 200)
+    alike = permuted.of([0, 1], [2, 4], 0.05, NOTHING)
     assert alike.fall[0] == pytest.approx(alike.fall[1], rel=1e-6)
     assert alike.value == pytest.approx([1.5, -1.5], rel=0.2)
-    little = Prior(np.zeros(COLUMNS), np.where(np.arange(COLUMNS) == 2, 0.05, free))
+    little = Prior(np.zeros(COLUMNS), np.where(np.arange(COLUMNS) == 2, 0.05, np.inf))
     known = permuted.of([0, 1], [2, 4], 0.05, little)
     assert known.fall[0] > known.fall[1] + 6
     assert known.value[0] == pytest.approx(1.5, rel=0.2)
@@ -101,18 +120,9 @@ def test_the_clearest_is_named_and_its_likeness_beside_it() -> None:
     turn = np.eye(COLUMNS)
     turn[1] = [1.0, 0.02, 0, 0, 0]
     made = mixed(made, turn)
-    columns = [_named(k) for k in range(COLUMNS - 1)]
-    found = find_changes(made, columns, [], [], [], np.zeros(4), rng, Compared(draws=400))
+    found = changes(made, rng, 400)
     assert {found.named[0].column, *found.named[0].alike} == {0, 1}
     assert found.named[0].p <= 0.01
-
-
-def _named(number: int) -> Any:
-    from types import SimpleNamespace
-
-    return SimpleNamespace(
-        option=SimpleNamespace(name=f"effect{number}", shared=False), label=str(number)
-    )
 
 
 @pytest.mark.parametrize(("count", "named"), [(16, 0), (160, 1)])
@@ -120,10 +130,9 @@ def test_a_small_change_takes_a_long_recording(count: int, named: int) -> None:
     """It is sure in both; in the short one it is no larger than what lasts a piece."""
     rng = np.random.default_rng(7)
     made = pieces(rng, np.array([0.2, 0.0, 0.0, 0, 0]), count)
-    tests = Permuted(made, rng, 400).of([0], [4], 0.05)
+    tests = Permuted(made, rng, 400).of([0], [4], 0.05, NOTHING)
     assert tests.p[0] <= 0.05
-    columns = [_named(k) for k in range(COLUMNS - 1)]
-    found = find_changes(made, columns, [], [], [], np.zeros(4), rng, Compared(draws=400))
+    found = changes(made, rng, 400)
     assert [one.column for one in found.named] == [0] * named
 
 
@@ -131,7 +140,5 @@ def test_what_temperature_may_do_is_not_named() -> None:
     """A change below the size that a column must have is left out, however sure it is."""
     rng = np.random.default_rng(5)
     made = pieces(rng, np.array([0.6, 0.0, 0.0, 0, 0]), 24)
-    columns = [_named(k) for k in range(COLUMNS - 1)]
-    limits = Compared(draws=200)
-    found = find_changes(made, columns, [], [], [], np.array([0.9, 0, 0, 0]), rng, limits)
+    found = changes(made, rng, 200, least=(0.9, 0, 0, 0))
     assert 0 not in [one.column for one in found.named]

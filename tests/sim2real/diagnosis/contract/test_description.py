@@ -62,7 +62,7 @@ def test_joints_of_the_log_are_taken_where_none_are_named(tmp_path):
     about = of(tmp_path, SMALL)
     assert about.joints == ("a", "b")
     assert [term.size for term in about.terms] == [2, 3]
-    assert about.terms[1].elements == ["x", "y", "z"]
+    assert about.terms[1].elements == ("x", "y", "z")
 
 
 def changed(**keys: object) -> dict[str, object]:
@@ -79,24 +79,24 @@ BAD = {
     "an unknown key": (changed(rates=5), "did you mean 'rate'"),
     "an unknown key of a term": (
         changed(observation=[{"term": "gyro", "order": "wxyz"}]),
-        "unknown key 'order'",
+        "key 'order' is unknown",
     ),
     "no terms": (changed(observation=[]), "must be a list of terms"),
     "scale 0": (changed(observation=[{"term": "gyro", "scale": 0.0}]), "other than 0"),
     "too few scales": (changed(observation=[{"term": "gyro", "scale": [1, 2]}]), "2 numbers for 3"),
     "a joint that is not there": (
         changed(observation=[{"term": "joint_velocity", "joints": ["c"]}]),
-        "joint: 'c' is unknown",
+        "joint 'c' is unknown",
     ),
     "a pose in degrees": (changed(default_pose=[10.0, 45.0]), "within a turn"),
-    "a pose of three": (changed(default_pose=[0.1, 0.2, 0.3]), "must be 2 angles"),
+    "a pose of three": (changed(default_pose=[0.1, 0.2, 0.3]), "3 numbers for 2"),
     "no pose": (changed(default_pose=None), "default_pose"),
     "no rate": (changed(rate=None), "rate: None"),
     "a history of none": (changed(history={"length": 0}), "from 1 to 200"),
     "an unknown order": (changed(history={"order": "oldest"}), "oldest_first"),
     "a phase without clock": (changed(observation=[{"term": "phase"}]), "frequency"),
     "a command of no size": (changed(observation=[{"term": "command"}]), "size None"),
-    "a normalizer of one": (changed(normalizer={"mean": [0.0], "std": [1.0]}), "needs 5 numbers"),
+    "a normalizer of one": (changed(normalizer={"mean": [0.0], "std": [1.0]}), "1 numbers for 5"),
     "an unknown base": (changed(base="leged_gym"), "did you mean 'legged_gym'"),
     "a list": ("[1, 2]", "expected a mapping"),
     "invalid YAML": ("a: [", "invalid YAML"),

@@ -91,7 +91,7 @@ def test_drawn_motions_are_named_so_that_record_repeats_them() -> None:
     assert 0 < len(plan.ranking) < 12
     assert plan.separation > 10
     item = plan.item
-    assert plan.overrides[-3:] == ("seconds=4", f"size={item.size:g}", f"seed={item.seed}")
+    assert f"seconds=4 size={item.size:g} seed={item.seed}`" in plan.text
     assert f"{item.size:.0%}" in item.name
 
 
@@ -169,7 +169,7 @@ def test_the_plan_can_be_recorded() -> None:
     assert set(plan.item.motions) <= set(get_args(Kind))
     log = record_motions(load_robot("bench1"), plan.item.motions, 2.0, np.random.default_rng(0))
     assert len(log) == 100
-    assert f"motions=[{','.join(plan.item.motions)}]" in plan.overrides
+    assert f"motions=[{','.join(plan.item.motions)}]" in plan.text
 
 
 def test_a_model_alone_is_enough() -> None:

@@ -10,8 +10,7 @@ from envs.effects import make
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import errors_as_given
-from sim2real.diagnosis.ground.estimate import Estimate
-from sim2real.diagnosis.ground.logs import estimate_all
+from sim2real.diagnosis.ground.estimate import Estimate, estimate_all
 from sim2real.diagnosis.ground.starts import clear_starts
 from sim2real.diagnosis.ground.windows import grounded
 from sim2real.diagnosis.inference.candidates import candidates

@@ -9,8 +9,7 @@ import pytest
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.diagnose import diagnose
-from sim2real.diagnosis.ground.estimate import Estimate
-from sim2real.diagnosis.ground.logs import estimate_all
+from sim2real.diagnosis.ground.estimate import Estimate, estimate_all
 from sim2real.diagnosis.ground.pushes import check_pushes
 from sim2real.diagnosis.ground.starts import clear_starts
 from sim2real.diagnosis.ground.windows import grounded

@@ -3,7 +3,7 @@
 import pytest
 
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.ground.logs import estimate_all
+from sim2real.diagnosis.ground.estimate import estimate_all
 from sim2real.diagnosis.ground.windows import grounded
 from sim2real.diagnosis.inference.grip import check_grip
 from sim2real.diagnosis.inference.replayer import Replayer

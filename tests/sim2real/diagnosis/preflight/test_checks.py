@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from hardware.log import Log, read_log, read_logs, write_log
-from sim2real.diagnosis.data.noise_floor import step_of
+from sim2real.diagnosis.data.noise_floor import noise_floor, step_of
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.trial import piece, trial
-from sim2real.diagnosis.preflight.channels import check_channels, excitation
-from sim2real.diagnosis.preflight.checks import NOTES, noise_floor, preflight
+from sim2real.diagnosis.preflight.checks import NOTES, preflight
 from sim2real.diagnosis.preflight.lag import check_lag
 from tests.sim2real.diagnosis.own_log import own_log
 
@@ -158,11 +157,9 @@ def test_a_still_joint_and_one_that_never_turns_back_are_named() -> None:
     """Excitation is judged joint by joint."""
     log = make_log()
     still = changed(log, ["ctrl.b", "qpos.elbow", "qvel.elbow", "sensor.duty_b"], 0.0)
-    fixes = named(still)
-    assert "run=record" in fixes["excitation", "elbow"]
-    moved, turns = excitation([(log, spec().compile())])["shoulder"]
-    assert moved > 1.0
-    assert turns > 4
+    assert "run=record motions=[ramp,chirp,steps]" in named(still)["excitation", "elbow"]
+    ramp = Log({**without(log, "sensor", "qvel").columns, "qpos.elbow": 0.1 * log.time})
+    assert "run=record motions=[ramp]" in named(ramp)["reversals", "elbow"]
 
 
 def test_repeated_readings_and_gaps_are_named() -> None:
@@ -217,10 +214,10 @@ def test_what_damping_takes_of_a_large_error_is_not_at_the_limit() -> None:
     columns = {"episode": 0 * time, "time": time}
     for name, joint in (("a", "shoulder"), ("b", "elbow")):
         columns |= {f"ctrl.{name}": q + speed, f"qpos.{joint}": q, f"qvel.{joint}": speed}
-    model = mujoco.MjModel.from_xml_string(text)
+    servo = mujoco.MjSpec.from_string(text)
 
     def held(log: Log) -> set[str | None]:
-        return {f.where for f in check_channels([log], [model]) if f.check == "saturation"}
+        return {f.where for f in preflight([log], [servo]) if f.check == "saturation"}
 
     assert held(Log(columns)) == set()
     assert held(Log({**columns, "qpos.shoulder": 0 * q, "ctrl.a": 0 * q + 1})) == {"a"}
@@ -228,8 +225,9 @@ def test_what_damping_takes_of_a_large_error_is_not_at_the_limit() -> None:
 
 def test_a_lag_that_jumps_within_a_log_is_found() -> None:
     """Commands that come 60 ms later from 15 s on; a constant lag is left to the diagnosis."""
-    assert check_lag([make_log(30.0, late=(-1.0,))], [spec()]) == []
-    (found,) = check_lag([make_log(30.0, late=(15.0,))], [spec()])
+    model = spec().compile()
+    assert list(check_lag([(make_log(30.0, late=(-1.0,)), model)], [spec()])) == []
+    (found,) = check_lag([(make_log(30.0, late=(15.0,)), model)], [spec()])
     assert "until 1" in found.finding
 
 

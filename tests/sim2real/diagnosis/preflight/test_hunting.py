@@ -59,16 +59,6 @@ def test_a_joint_that_others_shake_does_not_hunt() -> None:
     assert hunting(TIME, swinging(0.0), STEP, [np.sin(2 * np.pi * 0.5 * TIME)])
 
 
-def test_lost_readings_short_episodes_and_a_clock_that_stands_do_no_harm() -> None:
-    """What is wrong with such a log is said where logs are checked."""
-    lost = swinging(0.0)
-    lost[::37] = np.nan
-    (hunt,) = hunting(TIME, lost, STEP)
-    assert hunt.frequency == pytest.approx(6.0, rel=0.02)
-    assert not hunting(TIME[:1], lost[:1], STEP[:1]) and not hunting(TIME[:0], lost[:0], STEP[:0])
-    assert not hunting(0 * TIME, swinging(0.0), STEP)
-
-
 def test_its_first_swing_is_kept() -> None:
     """Half a period after the first turn the rows are flagged, to a moment after the last one."""
     columns = {"time": TIME, "episode": 0 * TIME, "ctrl.a": STEP, "qpos.a": swinging(0.0)}

@@ -63,14 +63,11 @@ def report() -> schema.Report:
             parts.Rung("+ command_delay", 0.005, (0.004, 0.006)),
             parts.Rung("noise floor", 0.002, (0.002, 0.002)),
         ),
-        singles=(
-            *(
-                parts.SingleFit(
-                    "armature", f"joint{k}", None, 0.01, "kg·m²", 0.5 - 0.06 * k, (-0.1, 0.6)
-                )
-                for k in range(10)
-            ),
-            parts.SingleFit("damping", "elbow", None, 0.03, "N·m·s/rad", 0.07, None),
+        singles=tuple(
+            parts.SingleFit(
+                "armature", f"joint{k}", None, 0.01, "kg·m²", 0.5 - 0.06 * k, (-0.1, 0.6)
+            )
+            for k in range(10)
         ),
         bands=(parts.Band("elbow", 0.0, 1.0, 0.06, 0.004, 0.001),),
         inputs={

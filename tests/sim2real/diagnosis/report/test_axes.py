@@ -22,8 +22,8 @@ def test_errors_keep_their_sign_and_their_decades() -> None:
     assert axis(-3.0) == pytest.approx(-axis(3.0))
     assert axis(100.0) == pytest.approx(1.0)
     assert axis(100.0) - axis(10.0) == pytest.approx(axis(10.0) - axis(1.0), rel=1e-3)
-    values = [value for value, _ in axis.ticks(3)]
-    assert values == sorted(values) and 0.0 in values and values[0] == -values[-1]
+    places = [place for place, _ in axis.ticks(3)]
+    assert places == sorted(places) and 0.0 in places and places[0] == -places[-1]
 
 
 def test_a_scale_is_logarithmic_where_sizes_lie_far_apart() -> None:

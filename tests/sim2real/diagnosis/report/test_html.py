@@ -11,7 +11,7 @@ import pytest
 from hardware.log import Log
 from sim2real.diagnosis.evidence import Trace
 from sim2real.diagnosis.report.html import render, write_html
-from sim2real.diagnosis.report.link import links
+from sim2real.diagnosis.report.provenance import links
 from sim2real.diagnosis.schema import Equivalent, Finding, GapMetrics, Report, Unexplained
 from tests.sim2real.diagnosis.report import sample
 
@@ -70,7 +70,7 @@ def test_it_says_all_of_the_report(report: Report) -> None:
         "versions: mujoco 4",
         "The other 2",
         "1 backlash at elbow (link side) 1.00 −0.62 2 command delay −0.62 1.00",
-        "damping at elbow 0.0300 N·m·s/rad ≈ 7 % estimate",
+        "armature at joint0 0.0100 kg·m² 50 % -10 % to 60 %",
         "Made 2026-11-22 10:00+00:00 Robot arm2 With mujoco 4 SHA-256 of a.csv 0123456789ab",
     ):
         assert words in text.replace("\xa0", " "), words
