@@ -24,7 +24,7 @@ from sim2real.diagnosis.inference.remainder import describe_remainder
 from sim2real.diagnosis.schema import Cause, Equivalent, GapMetrics, JointGap, Report, Unexplained
 from sim2real.diagnosis.settings import TINY
 
-SAME = 1e-3  # nats between predictions that differ by rounding alone
+SAME = 1e-4  # of what an explanation gains: predictions that differ by 1 % of its change are equal
 
 
 @dataclass(frozen=True)
@@ -197,8 +197,9 @@ def find_equivalents(judgement: Judgement, place: int) -> list[tuple[Member, Fit
 
 def _equivalent(judgement: Judgement, member: Member, fit: Fit) -> Equivalent:
     """Return what is equivalent to a member; inseparable where all predictions are the same."""
-    apart = compute_separation(judgement.judge.fitter, judgement.best, fit)
-    return Equivalent(_name(member), _where(member), apart < SAME, kind=get_kind(member))
+    best, gained = judgement.best, judgement.best.total - judgement.given.total
+    same = compute_separation(judgement.judge.fitter, best, fit) < SAME * gained
+    return Equivalent(_name(member), _where(member), same, kind=get_kind(member))
 
 
 def _cause(

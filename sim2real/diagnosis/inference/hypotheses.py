@@ -53,12 +53,18 @@ def get_size(member: Member) -> np.ndarray:
 
 
 def _bounds_of(member: Member, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return what a member's values can physically be, (P,) each; see `Hypothesis.bounded`."""
+    """Return what a member's values can physically be, (P,) each; see `Hypothesis.bounded`.
+
+    The ends of a further value's range are laws of their own, as a dead zone beyond which the whole
+    error counts: it may lie there.
+    """
     if isinstance(member, LogChange):
         return member.low, member.high
     far, limit = reach * get_size(member), member.neutral >= FREE
+    further = np.arange(len(far)) >= len(far) - len(member.effect.free)
     low = np.where(limit, member.low, np.maximum(member.low, member.neutral - far))
-    return low, np.where(limit, member.high, np.minimum(member.high, member.neutral + far))
+    high = np.where(limit, member.high, np.minimum(member.high, member.neutral + far))
+    return np.where(further, -np.inf, low), np.where(further, np.inf, high)
 
 
 @dataclass(frozen=True)

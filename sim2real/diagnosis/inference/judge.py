@@ -301,7 +301,7 @@ class Judge:
         finalists += [f for f in others if is_part(f.hypothesis, best.hypothesis)]
         finalists = pick_distinct(finalists, len(finalists))
         self._look(best.hypothesis, best.values)
-        fits = self.fitter.fit(map(restart, finalists), rounds=self.settings.glances)
+        fits = self.fitter.fit(map(restart, finalists))
         refitted = {fit.label: self._judge_apart(fit, best) for fit in [self.given, *fits]}
         found = self._prune(refitted, self.fitter)
         if found.hypothesis.mended == best.hypothesis.mended:

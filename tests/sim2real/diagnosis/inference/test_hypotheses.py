@@ -1,0 +1,23 @@
+"""What values of a hypothesis can physically be."""
+
+from pathlib import Path
+
+import numpy as np
+
+from sim2real.diagnosis.inference.candidates import candidates
+from sim2real.diagnosis.inference.hypotheses import Hypothesis, get_size
+from tests.sim2real.diagnosis import arm
+
+REACH = 20.0
+
+
+def test_a_shape_may_lie_at_the_ends_of_its_range_and_a_size_may_not(tmp_path: Path) -> None:
+    """A dead zone beyond which the whole error counts is a law; one of forty probes is none."""
+    data = arm.data_of(arm.make_log(noise=3e-4), tmp_path)
+    (zone,) = [one for one in candidates(data) if one.label == "dead_zone.b"]
+    low, high = Hypothesis((zone,)).bounded(REACH)
+    assert list(zone.effect.free) == ["punch"] and (zone.low[1], zone.high[1]) == (0.0, 1.0)
+    assert low[1] < zone.low[1] and high[1] > zone.high[1]
+    far = zone.neutral[0] + REACH * get_size(zone)[0]
+    np.testing.assert_allclose(high[0], min(zone.high[0], far))
+    np.testing.assert_allclose(low[0], max(zone.low[0], -far))
