@@ -52,10 +52,10 @@ def locate(
     shares = power / max(float(power.sum()), TINY_SQUARE)
     found = []
     for i, joint in enumerate(gaps[0].joints):
-        regimes = _regimes(logs, models, joint, error[:, i], rng, settings)
+        named = _regimes(logs, models, joint, error[:, i], rng, settings)
         rest = float(np.sqrt(left[i])) if after else None
         sizes = float(shares[i]), float(np.sqrt(before[i])), rest
-        found.append(JointGap(joint, *sizes, regimes))
+        found.append(JointGap(joint, *sizes, named))
     return tuple(sorted(found, key=lambda gap: -gap.share))
 
 

@@ -25,6 +25,7 @@ from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 ORDER = 4  # of the differences that a cubic leaves
 UNIFORM = 12  # 1/12 is the variance of an error that is uniform within one count
 SAME = 1e-6  # rad or m: readings closer than this are equal
+MOMENTS = 10  # looked at in the time of a block; commands are compared twice as often
 ONE_COUNT = 1.5  # between one step and two
 
 
@@ -126,12 +127,15 @@ def _moments(
     """Yield moments of an episode: when, the commands of a second before as a key, positions."""
     sent = [part.column(f"ctrl.{name}") for name in part.actuators]
     ctrl = np.column_stack([*sent, *(powered(part, name) for name in part.actuators)])
-    history, every, time = settings.bootstrap.block_s, settings.noise_floor.every_s, part.time
+    history, every, time = (
+        settings.bootstrap.block_s,
+        settings.bootstrap.block_s / MOMENTS,
+        part.time,
+    )
     hunts, missing = hunting_rows(part), np.full(len(time), np.nan)
     q = np.column_stack([part.columns.get(f"qpos.{name}", missing) for name in names])
-    count = round(2 * history / every)  # of commands that are compared: twice between moments
     for when in np.arange(np.ceil((time[0] + history) / every) * every, time[-1], every):
-        ticks = np.linspace(when - history, when, count)
+        ticks = np.linspace(when - history, when, 2 * MOMENTS)
         rows = np.maximum(np.searchsorted(time, ticks + TINY, side="right") - 1, 0)
         if not hunts[rows[0] : rows[-1] + 1].any():
             key = np.round(ctrl[rows] / settings.preflight.same_command).astype(np.int64).tobytes()

@@ -122,7 +122,7 @@ def _reversal(log: Log, v: np.ndarray, settings: Settings) -> np.ndarray:
         moving = np.flatnonzero(np.abs(own) > limits.rest_speed)
         turns = moving[1:][np.diff(np.sign(own[moving])) != 0]
         since = time - time[turns][:, None]  # (turns, T)
-        near = (since >= -limits.smoothing_s) & (since < limits.reversal_after_s)
+        near = (since >= -limits.smoothing_s) & (since < settings.windows.kick_s)
         found.append(near.any(axis=0))
     return np.concatenate(found)
 

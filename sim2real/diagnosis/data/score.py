@@ -12,6 +12,8 @@ import numpy as np
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.settings import TINY, TINY_SQUARE
 
+BINS = 4  # of the autocorrelation in the shortest block
+
 
 class Blocks:
     """Blocks of all windows, and how often each is drawn.
@@ -70,19 +72,20 @@ def coherence(data: Data, error: np.ndarray) -> float:
     positive), over bins of an episode; never more than leaves enough blocks to draw from.
     """
     limits, total = data.settings.bootstrap, 0.0
+    width = limits.block_s / BINS
     sums: dict[tuple[int, int], dict[int, list[float]]] = {}
     for window, time, row, mask in zip(data.windows, data.times(), error, data.mask, strict=True):
         own = sums.setdefault((window.log, window.episode), {})
         total += float(time[-1] - time[0])
         squares = (row[mask] ** 2).sum(axis=1)
-        bins = time[mask[: len(time)]] // limits.bin_s
+        bins = time[mask[: len(time)]] // width
         for place in np.unique(bins):
             own.setdefault(int(place), []).append(float(squares[bins == place].mean()))
     series = [{k: float(np.mean(v)) for k, v in own.items()} for own in sums.values()]
     values = np.array([v for own in series for v in own.values()])
     middle, spread = values.mean(), max(float(values.var()), TINY_SQUARE)
-    longest, length = total / limits.blocks_min, limits.bin_s
-    for lag in range(1, max(int(longest / limits.bin_s), 0) + 1):
+    longest, length = total / limits.blocks_min, width
+    for lag in range(1, max(int(longest / width), 0) + 1):
         pairs = [
             (v - middle) * (own[k + lag] - middle)
             for own in series
@@ -92,5 +95,5 @@ def coherence(data: Data, error: np.ndarray) -> float:
         together = float(np.mean(pairs)) / spread if pairs else 0.0
         if together <= 0:
             break
-        length += 2 * together * limits.bin_s
+        length += 2 * together * width
     return min(length, longest)

@@ -29,6 +29,7 @@ from envs.replay.recording import ROUNDING
 from sim2real.diagnosis.data.dataset import Data, Window
 from sim2real.diagnosis.settings import TINY_SQUARE
 
+HEAT_STEP = 0.05  # s: time step of the integral, far below the minutes in which motors heat
 Path = tuple[mujoco.MjModel, np.ndarray, Schedule, np.ndarray]
 Paths = Callable[[int, np.ndarray], Iterable[Path]]
 
@@ -87,7 +88,7 @@ class Heat:
         heat = self._integral(number, squares, points)
         if len(motors) > 1:
             lost = points[:, 0] * heat.max(axis=(0, 2))
-            for point in np.flatnonzero(lost > self._settings.gives_way):
+            for point in np.flatnonzero(lost > 1 - self._settings.strengths[0]):
                 one, alone = points[point, None], squares[:, :, point]
                 for _ in range(self._settings.heat_passes):
                     own = alone * self._loads(number, motors, alone, one[0], heat[:, point])
@@ -121,7 +122,7 @@ class Heat:
         log = self._data.logs[number]
         fresh = np.diff(log.episode, prepend=np.nan) != 0
         spans = np.where(np.roll(fresh, -1), 0.0, np.diff(log.time, append=log.time[-1]))
-        stride = max(round(self._settings.heat_s / float(np.median(spans[spans > 0]))), 1)
+        stride = max(round(HEAT_STEP / float(np.median(spans[spans > 0]))), 1)
         starts = np.flatnonzero(fresh | (np.arange(len(log)) % stride == 0))
         made = np.add.reduceat(squares * spans[:, None, None], starts, axis=1)  # N²·m²·s
         value = points[:, :1]

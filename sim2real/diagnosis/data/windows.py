@@ -33,6 +33,7 @@ from sim2real.runs.errors import Sim2RealError
 BLOCKED = "flag.blocked"  # the column of rows in which something is in the robot's way
 HUNTING = "flag.hunting"  # the column of rows in which a servo's loop hunts
 HALF = 0.5  # of a window's rows
+BEFORE = 0.1  # of the time that is left out after a servo is switched on, is left out before
 
 
 def hunting_rows(log: Log) -> np.ndarray:
@@ -207,7 +208,7 @@ def _cuts(part: Log, joints: Sequence[Joint], pieces: int, settings: Windows) ->
     for name in part.actuators:  # a row without torque is less calm than any other
         unrest = unrest + unrest.max() * ~powered(part, name)
     rate = (len(time) - 1) / (time[-1] - time[0])
-    warm, width = max(1, round(settings.warm_s * rate)), settings.unrest_rows
+    warm, width = max(1, round(settings.warm_s * rate)), 2 * NEAR + 1
     smooth = np.convolve(unrest, np.ones(width) / width, "same")
     reach = max(1, int(settings.reach * len(part) / pieces))
     cuts = [0]
@@ -254,7 +255,7 @@ def _usable(log: Log, first: int, last: int, settings: Windows = DEFAULT.windows
     for name in log.actuators:
         on = powered(log, name)[first:last]
         for moment in time[1:][on[1:] & ~on[:-1]]:
-            start, end = moment - settings.kick_before_s, moment + settings.kick_s
+            start, end = moment - BEFORE * settings.kick_s, moment + settings.kick_s
             good &= (time < start) | (time > end)
     free = ~blocked_rows(log)[first:last]
     return free & (good if good.sum() > 1 else True)

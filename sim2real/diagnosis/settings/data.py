@@ -15,9 +15,6 @@ class NoiseFloor:
     whole_error: float = setting(
         0.02, "1", "largest deviation of a step from a whole number of encoder counts", JUDGED
     )
-    every_s: float = setting(
-        0.1, "s", "interval between the moments at which repeated commands are compared", COST
-    )
     slow_share: float = setting(
         0.3,
         "1",
@@ -58,17 +55,12 @@ class Windows:
     turn: float = setting(
         0.1, "1", "smallest reversal that counts, relative to the range of motion", JUDGED
     )
-    kick_before_s: float = setting(
-        0.03, "s", "time before a servo is switched on that is not compared", JUDGED
-    )
     kick_s: float = setting(
         0.3,
         "s",
-        "time after a servo is switched on that is not compared (logs lack the moment)",
+        "time after a servo is switched on that is not compared (logs lack the moment), and after "
+        "a change of direction that counts as a reversal",
         DEVELOPED,
-    )
-    unrest_rows: int = setting(
-        5, "1", "rows over which motion is averaged to find calm starts of windows", JUDGED
     )
     reach: float = setting(
         0.25,
@@ -98,12 +90,8 @@ class Simulation:
         "motor strengths at which loads are simulated, in decreasing order",
         DEVELOPED,
     )
-    heat_s: float = setting(0.05, "s", "time step of the simulated heating before a window", COST)
     heat_passes: int = setting(
         2, "1", "number of times that loads are simulated again with weaker motors", DEVELOPED
-    )
-    gives_way: float = setting(
-        0.3, "1", "loss of strength above which the loads are simulated again", DEVELOPED
     )
 
 
@@ -112,9 +100,6 @@ class Regimes:
     """The regimes of motion in which an error may occur, such as reversals or high load."""
 
     rest_speed: float = setting(0.05, "rad/s", "speed below which a joint is at rest", JUDGED)
-    reversal_after_s: float = setting(
-        0.3, "s", "time after a change of direction that counts as a reversal", JUDGED
-    )
     held_s: float = setting(
         0.5, "s", "time after which an unchanged command counts as held", JUDGED
     )
@@ -145,9 +130,6 @@ class Bootstrap:
         DEVELOPED,
     )
     draws: int = setting(400, "1", "number of resamples", COST)
-    bin_s: float = setting(
-        0.25, "s", "width of the bins from which the autocorrelation time is estimated", COST
-    )
     blocks_min: int = setting(
         32,
         "1",

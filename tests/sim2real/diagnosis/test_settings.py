@@ -109,7 +109,7 @@ def test_few_numbers_have_no_name() -> None:
 def test_every_setting_says_what_it_is() -> None:
     """Unit, meaning and origin of each, and no number of two names in one stage."""
     described = list(rows(DEFAULT))
-    assert len(described) <= 240  # fewer is better
+    assert len(described) <= 230  # fewer is better
     for row in described:
         assert row.meaning, row
         assert row.origin.startswith(ORIGINS), row
