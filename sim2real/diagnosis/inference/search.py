@@ -12,14 +12,15 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
-from sim2real.diagnosis.inference.fit import Fit, Start
+from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.glance import HALVES, Glance, Quick
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.moves import list_simpler, pick_distinct, restart, without
+from sim2real.diagnosis.inference.replayer import Replayer
 from sim2real.diagnosis.inference.screen import (
     Line,
     list_promising,
@@ -28,9 +29,22 @@ from sim2real.diagnosis.inference.screen import (
     pick_starts,
     trace_lines,
 )
+from sim2real.diagnosis.settings.inference import Inference
 
-if TYPE_CHECKING:
-    from sim2real.diagnosis.inference.judge import Judge
+
+class Judging(Protocol):
+    """What the search asks of the judge."""
+
+    settings: Inference
+    fitter: Fitter
+    given: Fit
+    coarse: Replayer
+
+    def choose(self, tried: dict[str, Fit]) -> Fit: ...
+    def price(self, hypothesis: Hypothesis) -> float: ...
+    def explains(self, fit: Fit) -> bool: ...
+    def is_enough(self, fit: Fit) -> bool: ...
+    def left_in_windows(self, fit: Fit) -> np.ndarray: ...
 
 
 class Search:
@@ -42,7 +56,7 @@ class Search:
         common: what is unknown of all windows.
     """
 
-    def __init__(self, judge: Judge, local: np.ndarray, common: np.ndarray) -> None:
+    def __init__(self, judge: Judging, local: np.ndarray, common: np.ndarray) -> None:
         self._judge, self.settings = judge, judge.settings
         self.quick = Quick(judge.fitter, judge.given, judge.coarse)
         left = judge.left_in_windows(judge.given)
