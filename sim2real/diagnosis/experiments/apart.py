@@ -13,7 +13,7 @@ over joints. Nobody knows which explanation is the robot, so of each of the P pa
 
 from collections.abc import Sequence
 from itertools import combinations
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import mujoco
 import numpy as np
@@ -24,6 +24,7 @@ from envs.plant import Fixed
 from envs.replay import Recording
 from sim2real.diagnosis.data.trial import trial
 
+T = TypeVar("T")
 CHANGE = 0.05  # of a value's distance from neutral: what a sensitivity is taken over
 TURNS = 6  # simulations of a refit, but for its slopes: one of one to four values has settled then
 
@@ -53,7 +54,7 @@ class Asked(NamedTuple):
     changed: mujoco.MjSpec | None = None
 
 
-def pairs(members: Sequence[Member]) -> list[tuple[Member, Member]]:
+def pairs(members: Sequence[T]) -> list[tuple[T, T]]:
     """Return the P pairs of explanations, in the order of `separation` and `refitted`."""
     return list(combinations(members, 2))
 
@@ -73,7 +74,7 @@ def separation(members: Sequence[Member], motions: Sequence[Recording], asked: A
             np.minimum(_left(one, other, k, motion), _left(other, one, k, motion))
             for k, motion in enumerate(motions)
         ]
-        for one, other in combinations(views, 2)
+        for one, other in pairs(views)
     ]
     return np.transpose(found)
 
@@ -88,7 +89,7 @@ def refitted(members: Sequence[Member], motion: Recording, asked: Asked) -> np.n
     return np.array(
         [
             np.minimum(_settled(one, other, motion), _settled(other, one, motion))
-            for one, other in combinations(models, 2)
+            for one, other in pairs(models)
         ]
     )
 

@@ -5,6 +5,9 @@ from dataclasses import dataclass
 
 from sim2real.diagnosis.settings.base import COST, JUDGED, setting
 
+RESAMPLES = 10  # of each block
+ODDS = 20.0  # between faults that are alternatives
+
 
 @dataclass(frozen=True)
 class Contract:
@@ -51,8 +54,8 @@ class Contract:
 
     @property
     def draws(self) -> int:
-        """Resamples that give the certainty of a fault: ten for each block of rows."""
-        return 10 * self.blocks
+        """Resamples that give the certainty of a fault."""
+        return RESAMPLES * self.blocks
 
     @property
     def price(self) -> float:
@@ -64,5 +67,5 @@ class Contract:
 
     @property
     def alike(self) -> float:
-        """Difference of log likelihood up to which faults are alternatives: odds of 20 [nats]."""
-        return math.log(20)
+        """Difference of log likelihood up to which faults are alternatives [nats]."""
+        return math.log(ODDS)
