@@ -67,7 +67,7 @@ def test_weak_motors_are_one_cause(tmp_path: Path) -> None:
     assert report.evidence.inputs["physics steps"] > 0
     (cause,) = report.causes
     assert report.verdict == "explained"
-    assert cause.shared and cause.where is None
+    assert cause.where is None and cause.shared == (cause.effect == "motor_strength")
     weak = {"motor_strength", "supply_voltage"}
     assert cause.effect in weak
     assert weak - {cause.effect} == {e.effect for e in cause.equivalent if e.inseparable}
