@@ -35,7 +35,7 @@ def robot_scale(data: Data, fixed: Sequence[Fixed] = ()) -> RobotScale:
     """
     return RobotScale(
         data.models[0],
-        [name for name in (joint.name for joint in data.joints) if name in _scalars(data)],
+        [name for name in (joint.name for joint in data.joints) if name in find_scalars(data)],
         voltage=float(data.logs[0].meta.get("supply_voltage", 0.0) or 0.0),
         speeds=_Speeds(data),
         heat=_Heats(data, fixed),
@@ -47,7 +47,7 @@ def robot_scale(data: Data, fixed: Sequence[Fixed] = ()) -> RobotScale:
     )
 
 
-def _scalars(data: Data) -> set[str]:
+def find_scalars(data: Data) -> set[str]:
     """Return the names of the model's hinges and slides; a base's turn is none of them."""
     model = data.models[0]
     return {model.joint(j).name for j in range(model.njnt) if is_scalar(model, j)}

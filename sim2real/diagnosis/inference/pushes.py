@@ -29,6 +29,7 @@ from sim2real.diagnosis.inference.candidates import Candidate
 from sim2real.diagnosis.inference.fit import Fit, Fitter
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import HALF
+from sim2real.diagnosis.inference.probes import find_scalars
 from sim2real.diagnosis.inference.replayer import Job
 from sim2real.diagnosis.settings import TINY
 
@@ -136,6 +137,8 @@ def _find_push(fitter: Fitter, fit: Fit, left: np.ndarray, window: int) -> Pushe
         return None
     seen = float(fitter.replayer.times[window][np.flatnonzero(rows)[0]])
     tried = list(_tried(fitter, fit, window, seen))
+    if not tried:
+        return None
     found = max(tried, key=lambda one: one.evidence)
     chance = math.log(len(tried) * len(left) / fitter.settings.level)
     return found if found.evidence > chance else None
@@ -149,7 +152,8 @@ def _tried(fitter: Fitter, fit: Fit, window: int, seen: float) -> Iterator[Pushe
     origin = float(data.logs[own.log].time[own.start])
     values, some = fit.values[side], np.array([window])
     spans = [(seen - b, seen - b + length) for b in BEFORE for length in LENGTHS]
-    for joint in data.joints:
+    hinges = find_scalars(data)  # and slides: a base's turn is compared, and no joint
+    for joint in (joint for joint in data.joints if joint.name in hinges):
         push = _candidate(joint.name)
         jobs = [_job(fit.hypothesis, values, push, span, some) for span in spans]
         directions = np.stack([one.error[0] for one in replayer.replay(jobs)]) - fit.held[window]

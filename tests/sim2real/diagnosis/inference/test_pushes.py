@@ -49,6 +49,16 @@ def test_no_push_is_no_evidence(tmp_path: Path) -> None:
     assert find_pushes(judge.fitter, judge.given, judge.excess(judge.given)) == ()
 
 
+@pytest.mark.parametrize("turns", [("root.4", "b"), ("root.4", "root.5")])
+def test_a_turn_of_the_base_is_not_pushed(turns: tuple[str, str], tmp_path: Path) -> None:
+    """It is compared as a joint is, but the model has no joint of its name."""
+    judge = Judge(arm.data_of(pushed(TORQUE), tmp_path))
+    joints = tuple(j._replace(name=name) for j, name in zip(judge.data.joints, turns, strict=True))
+    judge.replayer.data = replace(judge.replayer.data, joints=joints)
+    found = find_pushes(judge.fitter, judge.given, judge.excess(judge.given))
+    assert [one.joint for one in found] == [name for name in turns if name == "b"]
+
+
 def test_a_push_that_holds_little_of_the_gap_is_not_looked_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
