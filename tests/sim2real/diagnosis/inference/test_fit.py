@@ -180,6 +180,6 @@ def test_corrected_slopes_say_how_errors_changed(case: Case) -> None:
     change = rng.normal(size=state.replay.error.shape)
     state.learn(step, change, case.fitter.fold)
     per_window = step[case.fitter.fold], across[case.fitter.fold]
-    along, beside = (np.einsum("wnmp,wp->wnm", state.slopes, own) for own in per_window)
+    along, other = (np.einsum("wnmp,wp->wnm", state.slopes, own) for own in per_window)
     np.testing.assert_allclose(along, change, atol=1e-9)
-    np.testing.assert_allclose(beside, np.einsum("wnmp,wp->wnm", before, per_window[1]), atol=1e-9)
+    np.testing.assert_allclose(other, np.einsum("wnmp,wp->wnm", before, per_window[1]), atol=1e-9)
