@@ -60,7 +60,7 @@ class BusClient:
 
     Args:
         port: a port of dynamixel-sdk, or the emulator's.
-        clock: the time.
+        clock: source of the time.
         latency: how long the USB adapter may hold bytes back [s].
         return_delay: how long a servo waits before it answers [s].
     """

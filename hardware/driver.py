@@ -59,7 +59,7 @@ class Driver(Torque):
     Args:
         robot: the robot's file, with its calibration applied.
         port: a port of dynamixel-sdk, or the emulator's.
-        clock: the time.
+        clock: source of the time.
     """
 
     client_type: ClassVar[type[BusClient]] = BusClient

@@ -7,18 +7,20 @@
 
 Columns (SI units):
 
-* `episode` (a number), `time` [s from the episode's start: when the row's command is written],
-  `ctrl.<actuator>` (the command sent, after every limit, held until the next row) and
-  `qpos.<joint>` (measured just before the command; a free joint has `.0` to `.6`) are required; an
-  episode's rows are contiguous and its time increases.
-* `qvel.<joint>`, `torque.<actuator>` (0: the servo was switched off), `stamp.<joint>` [s: when that
-  joint was read], `current.<actuator>` [A], `voltage.<actuator>` [V],
+* Required: `episode` (a number), `time` [s from the episode's start: when the row's command is
+  written], `ctrl.<actuator>` (the command sent, after every limit, held until the next row) and
+  `qpos.<joint>` (measured just before the command; a free joint has `.0` to `.6`).
+* Optional: `qvel.<joint>`, `torque.<actuator>` (0: the servo was switched off), `stamp.<joint>`
+  [s: when that joint was read], `current.<actuator>` [A], `voltage.<actuator>` [V],
   `temperature.<actuator>` [°C], `sensor.<name>`, `action.<name>`, `obs.<i>`, `reward` and
-  `flag.<name>` are optional; so are, for a joint under impedance control, `kp.<actuator>`
-  [N·m/rad], `kd.<actuator>` [N·m·s/rad], `qvel_des.<actuator>` [rad/s] and `torque_ff.<actuator>`
-  [N·m], and for an IMU at a site of the model `gyro.<site>.x` to `.z` [rad/s],
-  `accelerometer.<site>.x` to `.z` [m/s²] and `quat.<site>.w` to `.z`. Other columns are
-  ignored with a warning.
+  `flag.<name>`.
+* Optional, for a joint under impedance control: `kp.<actuator>` [N·m/rad], `kd.<actuator>`
+  [N·m·s/rad], `qvel_des.<actuator>` [rad/s] and `torque_ff.<actuator>` [N·m].
+* Optional, for an IMU at a site of the model: `gyro.<site>.x` to `.z` [rad/s],
+  `accelerometer.<site>.x` to `.z` [m/s²] and `quat.<site>.w` to `.z`.
+
+The rows of an episode are contiguous, and its time increases. Other columns are ignored with a
+warning.
 
 Metadata (`robot`, `model`, `settings` and others) are stored in a JSON file of the same name, or in
 the Parquet schema; the JSON file takes precedence. Every number in a log is finite. Missing values
@@ -172,7 +174,7 @@ def read_log(path: str | Path) -> Log:
 def read_logs(source: str | Path | Log | Iterable[str | Path | Log]) -> list[Log]:
     """Read a file, all logs of a folder (sorted by name), a LeRobot data set, or a list of these.
 
-    A folder may contain logs of any format; a log in memory is itself.
+    A folder may contain logs of any format; a log in memory is returned unchanged.
 
     Raises:
         LogError: there are no logs, or a file violates a rule of `read_log`.
@@ -202,7 +204,7 @@ def write_log(path: str | Path, log: Log) -> Path:
     schema. The model's path is written relative to the log.
 
     Raises:
-        LogError: the suffix is neither, or pyarrow is needed and missing.
+        LogError: the suffix is unknown, or pyarrow is needed and missing.
     """
     path = Path(path)
     if path.suffix == ".parquet":

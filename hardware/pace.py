@@ -21,7 +21,7 @@ class FixedRate:
     A step that is late by whole periods loses their deadlines: they are counted, not made up for.
 
     Args:
-        clock: the time.
+        clock: source of the time.
         rate: steps a second.
     """
 

@@ -40,7 +40,7 @@ PLAIN, RULES = "plain", "rules"  # groups of effects that can be simulated in on
 
 
 class Effect:
-    """A named difference from the model, bound by a plant.
+    """A named difference from the model, bound to a plant.
 
     Args:
         where: the joint, actuator, body or geom. None: the whole robot; for a joint effect every

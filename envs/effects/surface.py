@@ -127,7 +127,7 @@ class Restitution(_SurfaceEffect):
     typical = (0.1, 0.9)
     no_mjcf = None
     symptom = "falling objects bounce higher, or not at all"
-    source = "e = exp(-2 z acos(z) / sqrt(1 - z²)) of the damping ratio z; MuJoCo reference, solref"
+    source = "e = exp(-2 z acos(z) / sqrt(1 - z²)) with damping ratio z; MuJoCo reference, solref"
     experiment = "drop a ball and compare the heights"
     group = PLAIN
 

@@ -26,7 +26,7 @@ class Renderer(ABC):
     Args:
         simulation: whose rows are drawn.
         size: the side of the square images [px].
-        camera: the name of one of the model's cameras; None takes the task's own.
+        camera: the name of one of the model's cameras; None: that of the task.
 
     Raises:
         TaskError: a size out of range, or a camera that the model lacks.

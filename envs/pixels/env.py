@@ -30,7 +30,7 @@ class PixelsEnv(MujocoEnv):
         num_envs: N.
         renderer: "rays" (no graphics library needed) or "gl".
         size: the side of the square images [px].
-        camera: one of the model's cameras; None takes the task's own.
+        camera: one of the model's cameras; None: that of the task.
         others: further arguments of `MujocoEnv`.
 
     Raises:

@@ -31,7 +31,7 @@ class GLRenderer(Renderer):
     Args:
         simulation: whose rows are drawn.
         size: the side of the square images [px].
-        camera: the name of one of the model's cameras; None takes the task's own.
+        camera: the name of one of the model's cameras; None: that of the task.
         processes: that draw; None for one a core.
 
     Raises:

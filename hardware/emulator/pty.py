@@ -181,7 +181,7 @@ class RealTimeLoop:
     Args:
         world: the robot.
         ends: near and far ends of its pseudo terminals, by their devices' names.
-        clock: the time [s].
+        clock: source of the time [s].
     """
 
     def __init__(

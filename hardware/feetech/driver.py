@@ -37,7 +37,7 @@ class FeetechDriver(Driver):
     Args:
         robot: the robot's file, calibration applied.
         port: a port of dynamixel-sdk, or the emulator's.
-        clock: the time.
+        clock: source of the time.
     """
 
     client_type: ClassVar[type[BusClient]] = FeetechClient

@@ -37,7 +37,7 @@ class SerialImu:
 
     Args:
         imu: the part, its place and its port.
-        clock: the time.
+        clock: source of the time.
     """
 
     names: tuple[str, ...] = ("orientation", "acceleration")

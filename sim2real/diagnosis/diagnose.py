@@ -65,7 +65,7 @@ def diagnose(
 
     Args:
         logs: a log, a folder of logs, or a list of these or of logs in memory.
-        model: an MJCF for all logs; None takes the one that each log names.
+        model: an MJCF for all logs; None: the model that each log names.
         effects: an effects.yaml of known effects, which are put into the model first.
         exclude: names of effects that are not candidates.
         seed: the seed of the bootstrap.

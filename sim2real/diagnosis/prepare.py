@@ -52,7 +52,7 @@ def prepare(
 
     Args:
         logs: at least one.
-        model: an MJCF for all logs; None takes the one that each log names.
+        model: an MJCF for all logs; None: the model that each log names.
         fixed: effects that are in the model already.
         settings: every number that steers the answer.
         on_progress: called with what is being done and the share of the work that is done.

@@ -112,7 +112,7 @@ class Cause:
         where: joint, actuator or geom; for an effect on a body, the joint that moves it; None: the
             whole robot.
         side: for backlash and compliance, the side (motor or link) of the servo's encoder.
-        value: fitted value in `unit`; of several, such as a tilt's, the largest.
+        value: fitted value in `unit`; the largest, if there are several, as for a tilt.
         value_ci: 90 % interval of `value`.
         unit: SI unit; "" for a factor.
         extra: further parameters and options of the effect, and the `body` on which it acts.

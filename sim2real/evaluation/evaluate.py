@@ -81,7 +81,7 @@ class Evaluation:
         threshold: return above which a cell counts as mastered.
         draws: resamples of each interval, 2000 to 10000.
         box: range that the table calls "training range" and the pictures frame, by parameter:
-            [low, high]; None takes the range that the policy was trained in.
+            [low, high]; None: the range that the policy was trained in.
 
     Raises:
         Sim2RealError: numbers below 1, or a range whose low is above its high.

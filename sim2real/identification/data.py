@@ -45,7 +45,7 @@ class Recordings:
 
     Args:
         logs: the logs.
-        model: an MJCF for all of them; None takes the one that each log names.
+        model: an MJCF for all of them; None: the model that each log names.
         fixed: effects that are known, and part of the model.
         world: what rollouts need; None where nothing rolls out.
     """

@@ -39,7 +39,7 @@ def run(
         units: of a fleet, in place of the two: a log or folder for each robot.
         ci: a robot_ci.yaml (docs/how-to/compare_recordings.md), which gives `before` and all others
             but `after`; other arguments take precedence.
-        model: an MJCF for all logs; None takes the one that each log names.
+        model: an MJCF for all logs; None: the model that each log names.
         effects: an effects.yaml of what the robot had before; None fits what both sides share.
         watch: names of effects that may change; empty for the usual ones.
         limits: by effect, how much of a change passes, in its unit.

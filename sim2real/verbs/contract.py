@@ -25,7 +25,7 @@ def run(
         actor: the policy: ONNX, a torch.export archive, an export or a run of ours; None
             takes the one that the logs name, if any.
         observation: an OBS.yaml (docs/how-to/check_policy_interface.md) or the name of a
-            ready-made one; None takes what the logs name, else that of their task or the policy's.
+            ready-made one; None: what the logs name, else that of their task or the policy's.
         out: the run's folder; gets contract.json and contract.html.
 
     Returns:

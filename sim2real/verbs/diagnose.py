@@ -38,7 +38,7 @@ def run(
 
     Args:
         log: a log, a folder of logs, or a list of these.
-        model: an MJCF for all logs; None takes the one that each log names.
+        model: an MJCF for all logs; None: the model that each log names.
         effects: an effects.yaml of what is known already; put into the model first.
         exclude: names of effects that are left out of the candidates.
         against: an earlier diagnosis, its folder or report.json; comparison.html compares both.

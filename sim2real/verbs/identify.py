@@ -39,10 +39,10 @@ def run(
 
     Args:
         log: a log, a folder of logs, or a list of these.
-        model: an MJCF for all logs; None takes the one that each log names.
+        model: an MJCF for all logs; None: the model that each log names.
         effects: an effects.yaml of what is known already; put into the model first.
-        candidates: the report.json of a diagnosis (or its folder), or names of effects; None takes
-            the prior from `params`.
+        candidates: the report.json of a diagnosis (or its folder), or names of effects; None:
+            the prior is `params`.
         params: what a training draws, as a prior.
         identify: the method; its provider, score and search are its own.
         seed: all randomness follows from it.

@@ -87,7 +87,7 @@ def run(
         motions: kinds of motion on the stand; see `hardware.excite`.
         seconds: of each of the two recordings on the stand.
         log: recordings of the robot that the first round starts from; None records them.
-        model: an MJCF for these; None takes the one that each names.
+        model: an MJCF for these; None: the model that each names.
         rollouts: episodes on each simulated robot that price the causes.
         iterations: that each round adds; None for no limit.
         frames: environment steps that each round adds; None for no limit.

@@ -43,7 +43,7 @@ def run(
 
     Args:
         log: a log, a folder of logs, or a list of these.
-        model: an MJCF for all logs; None takes the one that each log names.
+        model: an MJCF for all logs; None: the model that each log names.
         effects: an effects.yaml that is put into the model; None for the model as it is.
         out: the run's folder; gets replay.json, table.md, table.csv and plots/replay.png.
 

@@ -68,7 +68,7 @@ def run(
         seconds: how long, of the robot's time [s].
         video: the film to write instead of opening a window; None for the window.
         log: a log to show instead, in a viewer of recordings.
-        model: its MJCF; None takes the one that it names.
+        model: its MJCF; None: the model that it names.
         effects: an effects.yaml; the log is then also simulated with it.
         viewer: the viewer of a log: rerun. None for the emulated robot.
         seed: the seed of starts and motions.

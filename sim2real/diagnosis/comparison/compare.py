@@ -57,7 +57,7 @@ def compare(
     Args:
         before: logs of the robot as it was: a path, a folder, logs, or a list of these.
         after: logs of the robot as it is.
-        model: an MJCF for all logs; None takes the one that each log names.
+        model: an MJCF for all logs; None: the model that each log names.
         effects: an effects.yaml of the robot's earlier effects, put into the model first.
         watch: names of effects that may change; None: those of the settings.
         limits: largest acceptable change by effect, in its unit.

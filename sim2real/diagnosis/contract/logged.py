@@ -77,10 +77,10 @@ def check_logs(
 
     Args:
         logs: of one robot and policy.
-        observation: an OBS.yaml or the name of a ready-made one; None takes what the logs name,
+        observation: an OBS.yaml or the name of a ready-made one; None: what the logs name,
             else that of their task or of the policy's.
         load_policy: reads a policy's file; None compares no actions.
-        actor: the policy's file; None takes the one that the logs name.
+        actor: the policy's file; None: the policy that the logs name.
         settings: when a fault is named.
 
     Raises:

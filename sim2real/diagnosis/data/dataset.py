@@ -54,7 +54,7 @@ class Data:
 
         Args:
             logs: of one robot.
-            model: an MJCF for all of them; None takes the one that each log names.
+            model: an MJCF for all of them; None: the model that each log names.
             settings: of this and all later stages.
 
         Raises:

@@ -49,7 +49,7 @@ def estimate_all(logs: Sequence[Log], model: str | Path | None, settings: Ground
 
     Args:
         logs: of one robot.
-        model: an MJCF for all of them; None takes the one that each log names.
+        model: an MJCF for all of them; None: the model that each log names.
         settings: how sure each channel is.
 
     Raises:

@@ -39,7 +39,7 @@ def rollout(
         effects: whose values are looked for.
         rows: not used here; what scores of another kind compare.
         seed: of the episodes.
-        steps: of each simulation; None for as many as the longest logged episode has.
+        steps: length of each simulation; None: that of the longest logged episode.
 
     Raises:
         Sim2RealError: no world, logs without observations or actions, of another task, or shorter

@@ -110,7 +110,7 @@ def check_budget(operator: Adaptation, budget: int | None, fits: str) -> None:
 
     Args:
         operator: as made of its other arguments.
-        budget: episodes that there are; None for as many as it takes.
+        budget: required number of episodes; None: not checked.
         fits: what to set instead.
 
     Raises:

@@ -26,7 +26,7 @@ class GradientAdaptation(Adaptation):
         baseline: "mean": c_k is the normalized return, so the mean is the baseline; "pivot": c_k is
             its difference from the unperturbed episode's (forward finite differences).
         orthogonal: draw orthogonal perturbations.
-        budget: episodes that it must spend in all; None for as many as follow from the rest.
+        budget: required total number of episodes; None: the number that follows from the rest.
 
     Raises:
         Sim2RealError: for values out of range, or a budget that does not fit.

@@ -33,10 +33,10 @@ class HillClimb(Adaptation):
         incumbent_episodes: I, episodes of the unchanged policy at the start; 0: P, as in the
             reference.
         reevaluate_incumbent: run the incumbent I times in each round, and compare with their mean.
-            Otherwise a single lucky value can end all progress; the reference does not do it.
+            If false, as in the reference, a single lucky value can end all progress.
         grow: factor on sigma after a round with a better proposal.
         shrink: factor on sigma after any other round.
-        budget: required total number of episodes; None: as many as follow from the other arguments.
+        budget: required total number of episodes; None: the number that follows from the rest.
 
     Raises:
         Sim2RealError: a value is out of range, or the budget does not match.
