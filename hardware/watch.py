@@ -105,10 +105,11 @@ class Watch:
     def _overload(self, i: int, effort: float) -> str:
         """Say how far over its limit a servo is."""
         unit, most = self._servos[i].type.current, self._most[i]
-        words = f"for more than {self._limits.patience:g} s; find what it pushes against"
-        if unit is None:
-            return f"{self._names[i]} is at {effort:.0%} of its load, over its {most:.0%}, {words}"
-        return f"{self._names[i]} draws {effort:.2f} A, over its {most:.2f} A, {words}"
+        what = f"is at {effort:.0%} of its load, over its limit of {most:.0%}"
+        if unit is not None:
+            what = f"draws {effort:.2f} A, over its limit of {most:.2f} A"
+        since = f"for more than {self._limits.patience:g} s; find what it pushes against"
+        return f"{self._names[i]} {what}, {since}"
 
     def trouble(self, i: int, health: Health | None) -> str:
         """Describe the error that a servo reports."""

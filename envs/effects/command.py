@@ -287,7 +287,7 @@ class ProfileVelocity(_ProfileEffect):
     sizes = Sizes("limit", "fastest", 1.0, 100.0)
     symptom = "large steps become ramps of one slope; small steps do not change"
     source = "|dgoal/dt| <= v; Dynamixel Profile Velocity (112), Feetech goal speed"
-    experiment = "steps of two sizes: the slope does not depend on the size"
+    experiment = "steps of two sizes, which become ramps of the same slope"
 
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return limits that slow the usual motion, and one that slows only steps."""
@@ -310,7 +310,7 @@ class ProfileAcceleration(_ProfileEffect):
         " Feetech register 41"
     )
     experiment = (
-        "the same chirp at two amplitudes: a limit acts at a fixed amplitude x"
+        "the same chirp at two amplitudes; a limit acts at a fixed amplitude x"
         " frequency², a delay at any amplitude"
     )
 

@@ -306,7 +306,7 @@ class Backlash(SeriesEffect):
     source = (
         "a hinge with limits in series; Dynamixel X: 15 arcmin (e-manual), SO-101 models: 1 degree"
     )
-    experiment = "slow reversals: the lag does not depend on the load, and a preload removes it"
+    experiment = "slow reversals; the lag does not depend on the load, and a preload removes it"
     first_values = (0.004, 0.015, 0.05, 0.15)
 
     def shape(self, joint: Any, timestep: float) -> None:
@@ -377,7 +377,7 @@ class JointCompliance(SeriesEffect):
         " sqrt(k/J) after stops"
     )
     source = "tau = k (motor - link); a sprung hinge in series"
-    experiment = "hammer taps or fast stops: a resonance whose frequency falls with the load"
+    experiment = "hammer taps or fast stops; the frequency of a resonance falls with the load"
 
     def probes(self, scale: RobotScale) -> np.ndarray:
         """Return springs that a torque bends little and much, with a third of critical damping.

@@ -203,10 +203,10 @@ class ClosedLoop:
     """Comparison of the robot with both simulators while the policy controls them.
 
     Args:
-        verdict: result for the first distance. `within_floor`: the corrected simulator is as close
-            to the robot as the robot is to itself; `nearer`, `as_far`, `farther`: the distance of
-            the corrected simulator, compared with that of the simulator as given; `apart`: without
-            effects, a distance above the floor.
+        verdict: result for the first distance. `within_floor`: the distance to the corrected
+            simulator is within the floor. `nearer`, `as_far`, `farther`: the corrected simulator,
+            compared with the simulator as given. `apart`: without effects, a distance above the
+            floor.
     """
 
     policy: str  # file or run folder of the policy

@@ -82,7 +82,8 @@ def test_a_current_over_the_limit_of_the_robots_file_stops(rig, chain):
     servos = tuple(replace(s, current=0.4) for s in robot.servos)
     r = rig(Fault("stuck", servo=2), robot=replace(robot, servos=servos))
     with pytest.raises(
-        SafetyError, match=r"hinge2 draws \d\.\d\d A, over its 0\.40 A, for more than 0\.5 s"
+        SafetyError,
+        match=r"hinge2 draws \d\.\d\d A, over its limit of 0\.40 A, for more than 0\.5 s",
     ):
         r.run(200, lambda k: np.full(3, min(0.02 * k, 0.45)))
     assert r.powered == [False] * 3
@@ -103,7 +104,7 @@ def test_a_load_over_the_limit_stops(rig, chain):
     shared = {"model": "xl430-w250", "load": 0.15, "supply": {"voltage": 11.1}}
     robot = chain(3, servo=shared, registers={"position_p_gain": 800})
     r = rig(Fault("stuck", servo=3), robot=robot)
-    with pytest.raises(SafetyError, match=r"hinge3 is at \d+% of its load, over its 15%"):
+    with pytest.raises(SafetyError, match=r"hinge3 is at \d+% of its load, over its limit of 15%"):
         r.run(200, lambda k: np.full(3, min(0.02 * k, 0.45)))
     assert r.powered == [False] * 3
 
@@ -111,7 +112,7 @@ def test_a_load_over_the_limit_stops(rig, chain):
 def test_the_servos_own_limits_hold(rig):
     """Limits of current and temperature are read from the servos' registers, not assumed."""
     r = rig(Fault("stuck", servo=2), registers={"hinge2": {"current_limit": 300}})
-    with pytest.raises(SafetyError, match=r"hinge2 draws .* A, over its 0\.30 A"):
+    with pytest.raises(SafetyError, match=r"hinge2 draws .* A, over its limit of 0\.30 A"):
         r.run(200, lambda k: np.full(3, min(0.02 * k, 0.45)))
     r = rig(registers={"hinge1": {"temperature_limit": 28}})
     with pytest.raises(SafetyError, match=r"hinge1 is at 2\d °C; let it cool \(at most 23"):

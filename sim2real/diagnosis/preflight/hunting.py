@@ -151,7 +151,7 @@ def hunting(
     least, row = max(least, settings.swing), float(np.median(np.diff(time)))
     shaken = [_turns(other, settings.asked * float(np.ptp(other))) for other in others]
     found = _steady(time, angle, command, shaken, least, settings)
-    large = max(least, settings.asked * float(np.ptp(angle)))
+    large = max(least, settings.asked * float(np.ptp(angle)))  # smaller: perhaps stick-slip
     for rows in [round(width / row) for width in settings.faster_s]:
         if rows > 1:
             rest = [v - uniform_filter1d(v, rows, mode="nearest") for v in (angle, command)]

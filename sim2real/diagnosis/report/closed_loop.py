@@ -18,17 +18,17 @@ MEASURES = {
     "mmd": "Maximum mean discrepancy",
 }
 WORDS = {
-    "within_floor": "In the {world} the policy's robot measures what the real one measured: "
-    "the two are about as near to each other as the robot's episodes among themselves.",
-    "nearer": "The corrected simulator is nearer to the robot than the one as given, and not yet "
-    "as near as the robot's episodes among themselves.",
+    "within_floor": "With this policy, the {world} is about as near to the robot as the robot's "
+    "episodes are to each other.",
+    "nearer": "The corrected simulator is nearer to the robot than the one as given, but not yet "
+    "as near as the robot's episodes are to each other.",
     "as_far": "The corrected simulator is not measurably nearer to the robot than the one as "
     "given, once the policy gives the commands.",
     "farther": "The corrected simulator is farther from the robot than the one as given, once "
     "the policy gives the commands: replayed commands do not show what is wrong. Do not train "
     "with these effects before you know why.",
-    "apart": "The simulator as given is farther from the robot than the robot's episodes among "
-    "themselves.",
+    "apart": "The simulator as given is farther from the robot than the robot's episodes are from "
+    "each other.",
 }
 WORLDS = ("simulator as given", "corrected simulator")
 KINDS = ("floor", "before", "after")  # classes of colours

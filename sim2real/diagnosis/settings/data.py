@@ -58,8 +58,8 @@ class Windows:
     kick_s: float = setting(
         0.3,
         "s",
-        "time after a servo is switched on that is not compared (logs lack the moment), and after "
-        "a change of direction that counts as a reversal",
+        "time that is not compared after a servo is switched on, because logs lack the exact "
+        "moment; time after a change of direction that counts as a reversal",
         DEVELOPED,
     )
     reach: float = setting(

@@ -151,7 +151,8 @@ class Ground:
     lean_margin: float = setting(
         0.05,
         "1",
-        "barycentric coordinate by which the centre of mass may leave this triangle",
+        "largest distance of the centre of mass from a triangle of standing feet, as a barycentric "
+        "coordinate",
         JUDGED,
     )
     lean_most: float = setting(0.8, "rad", "largest tilt of a robot that rests on its feet", JUDGED)

@@ -87,7 +87,7 @@ class Inference:
         18.0, "s", "total length of the windows that are first tested for mistakes in the log", COST
     )
     coarse_s: float = setting(
-        5e-3, "s", "longest physics time step until the answer is fitted once more", COST
+        5e-3, "s", "longest physics time step until the answer is fitted again", COST
     )
     glances: int = setting(
         2,

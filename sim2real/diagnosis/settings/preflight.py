@@ -99,8 +99,8 @@ class Preflight:
     share: float = setting(
         0.8,
         "1",
-        "smallest fraction of the variance that a fitted law must explain, or correlation of "
-        "measured and simulated speed that gives a lag",
+        "smallest fraction of the variance that a fitted relation must explain; smallest "
+        "correlation of measured and simulated speed from which a lag is inferred",
         JUDGED,
     )
     clock: float = setting(
@@ -140,8 +140,8 @@ class Preflight:
     better: float = setting(
         0.1,
         "1",
-        "commands are torques if their replay error is below this fraction of that of "
-        "positions and of that without commands",
+        "commands are torques if their replay error is below this fraction of the errors with "
+        "positions and without commands",
         DEVELOPED,
     )
     brief_s: float = setting(
@@ -211,9 +211,8 @@ class Hunting:
     asked: float = setting(
         0.1,
         "1",
-        "smallest reversal of the command that counts, relative to the swings; of other "
-        "commands and of fast oscillations (smaller ones may be stick-slip), relative to "
-        "the range of motion",
+        "smallest reversal that counts: of the joint's command, relative to the swings; of other "
+        "commands and in fast oscillations, relative to the range of motion",
         DEVELOPED,
     )
     faster_s: tuple[float, ...] = setting(
