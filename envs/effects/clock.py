@@ -32,7 +32,7 @@ class ClockDrift(Effect):
     no_mjcf = "it is the log's, not the robot's"
     symptom = "swings and ramps that are all too long or too short by the same fraction"
     source = "t_log = (1 + d) t; quartz: 1e-5 to 1e-4, RC oscillators: up to 1e-1"
-    experiment = "a free swing of known period, or readings with time stamps of another clock"
+    experiment = "a free swing of known period, or readings with time stamps from another clock"
     first_values = (-0.03, -0.008, 0.008, 0.03)
     group = PLAIN
     limits = (-0.1, 0.1)

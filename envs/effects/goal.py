@@ -40,7 +40,7 @@ class Goal(Effect):
     typical = (-1.0, 1.0)
     symptom = "none in a log; only rewards change"
     source = "goal tasks of meta-learning, Finn et al. 2017"
-    experiment = "not needed: the task defines it"
+    experiment = "not needed, because the task defines it"
 
     def __init__(
         self, where: str | None = None, how: How | None = None, axes: int = 1, **arguments: Any

@@ -24,7 +24,7 @@ class Settings:
     held_episodes: int = setting(
         4,
         "1",
-        "smallest number of episodes from which whole ones are held out",
+        "smallest number of episodes for which whole episodes are held out",
         "derived: one of them can be spared",
     )
     stretch: int = setting(

@@ -101,8 +101,8 @@ def verdict_sentence(report: Report) -> str:
     subject = _and(subjects([place_of(cause) for cause in report.values]))
     if report.verdict == "fitted":
         return (
-            f"{len(report.fitted)} values make the simulation follow the robot and are no causes: "
-            f"{subject} close {percent(gap.closed)} of the gap."
+            f"{len(report.fitted)} fitted values close {percent(gap.closed)} of the gap, too many "
+            f"to be called causes: {subject}."
         )
     verb = "explains" if len(report.causes) == 1 else "explain"
     text = f"{subject} {verb} {percent(gap.closed)} of the gap."
@@ -199,7 +199,7 @@ def numerics(found: Mapping[str, str]) -> list[str]:
     fine = [name.replace("_", " ") for name, text in found.items() if text == "ok"]
     said = [f"{name.replace('_', ' ')}: {text}" for name, text in found.items() if text != "ok"]
     if fine:
-        whole = "the gap is not one of numerics: " if not said else ""
+        whole = "the gap is not due to numerics: " if not said else ""
         verb = "makes" if len(fine) == 1 else "make"
         said.insert(0, f"{whole}{_and(fine)} {verb} no difference to it.")
     return [text[0].upper() + text[1:] for text in said]

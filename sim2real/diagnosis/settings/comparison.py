@@ -124,7 +124,7 @@ class Compared:
     same_voltage: float = setting(
         0.03,
         "1",
-        "relative difference of median voltages from which the supply has changed",
+        "smallest relative difference of median voltages that counts as a changed supply",
         JUDGED,
     )
 

@@ -40,7 +40,7 @@ class Windows:
         12, "1", "intended number of windows; there are more if these would be too long", DEVELOPED
     )
     windows_max: int = setting(
-        40, "1", "number of windows above which those of slow motions exceed `longest_s`", COST
+        40, "1", "number of windows above which slow motions get windows beyond `longest_s`", COST
     )
     state_s: float = setting(
         0.25,
@@ -77,7 +77,7 @@ class Simulation:
     error_max: float = setting(
         10.0,
         "1",
-        "largest error, also of a diverged simulation, relative to the joint's spread",
+        "limit to which larger errors are clipped, relative to the joint's spread",
         JUDGED,
     )
     piece_s: float = setting(

@@ -15,7 +15,7 @@ class Experiment:
         0.6, "1", "amplitude of a motion, relative to the distance to the nearer limit", JUDGED
     )
     apart_min: float = setting(
-        3.0, "1", "distance from which two explanations are separated, in noise floors", JUDGED
+        3.0, "1", "smallest distance between separated explanations, in noise floors", JUDGED
     )
     fallen: float = setting(
         0.5, "rad", "motion of a joint without torque above which the robot falls", JUDGED

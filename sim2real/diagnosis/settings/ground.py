@@ -55,7 +55,7 @@ class Ground:
     felt_m_s2: float = setting(
         3.0,
         "m/s²",
-        "standard deviation of the base's acceleration from that of its accelerometer",
+        "standard deviation of the base's acceleration from its accelerometer's reading",
         JUDGED,
     )
     upright_s: float = setting(

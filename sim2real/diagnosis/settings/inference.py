@@ -170,7 +170,7 @@ class Cogging:
     finest: float = setting(
         4.0,
         "1",
-        "number of trials in the smallest resolvable difference in ripples per turn",
+        "number of trials per smallest resolvable difference in ripples per turn",
         JUDGED,
     )
     readings: float = setting(1.5, "1", "shortest half of a ripple, in encoder counts", JUDGED)

@@ -40,7 +40,7 @@ class Preflight:
         0.005, "1", "fraction of lost readings above which they are reported", JUDGED
     )
     counts: float = setting(
-        3.0, "1", "number of encoder counts from which a change of position is a motion", JUDGED
+        3.0, "1", "smallest change of position that is a motion, in encoder counts", JUDGED
     )
     count_min: float = setting(1e-4, "rad", "smallest encoder count that is assumed", JUDGED)
     noise: float = setting(
@@ -153,7 +153,7 @@ class Preflight:
     lag_jump_s: float = setting(
         0.008,
         "s",
-        "smallest reported jump: distance of the ranges of the lag before and after",
+        "smallest reported jump: distance between the ranges of the lag before and after",
         DEVELOPED,
     )
     lag_episode_s: float = setting(

@@ -70,7 +70,7 @@ def test_many_causes_are_told_by_their_kind() -> None:
 def test_what_the_simulator_was_tested_for_is_one_sentence() -> None:
     """What makes no difference is said together, what does on its own."""
     assert text.numerics({"timestep": "ok", "solver": "ok"}) == [
-        "The gap is not one of numerics: timestep and solver make no difference to it."
+        "The gap is not due to numerics: timestep and solver make no difference to it."
     ]
     assert text.numerics({"timestep": "ok", "friction": "halves the gap"}) == [
         "Timestep makes no difference to it.",
