@@ -271,7 +271,8 @@ class Effect:
             scale: sizes of the robot.
 
         Returns:
-            (K,), or (K, k) for its first k parameters; the others stay neutral.
+            (K,), or (K, k) for its first k parameters; the others stay neutral. A search looks at
+            every second one first.
         """
         if self.first_values is not None:
             return np.array(self.first_values)

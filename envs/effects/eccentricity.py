@@ -107,7 +107,7 @@ class EncoderEccentricity(Effect):
     source = "e sin(q + phase), e = offset over radius; ams AS5600 data sheet: up to 1 degree"
     experiment = "one slow turn there and back, against a second encoder or marks on the housing"
     limits = (0.0, 0.9)
-    first_values = tuple((0.02, phase) for phase in (0.0, np.pi / 2, np.pi, -np.pi / 2))
+    first_values = tuple((0.02, phase) for phase in (0.0, np.pi, np.pi / 2, -np.pi / 2))
     group = RULES
 
     def bind(self, plant: PlantView) -> Measurement:

@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 
 from sim2real.diagnosis.inference.fit import Fit, Fitter
-from sim2real.diagnosis.inference.likelihood import HALF
+from sim2real.diagnosis.inference.products import HALF
 from sim2real.diagnosis.inference.score import Bootstrap
 
 APART = 2  # members by which an explanation is another one

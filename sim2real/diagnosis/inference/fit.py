@@ -15,10 +15,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from sim2real.diagnosis.data.together import together
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import Likelihood, Trained
 from sim2real.diagnosis.inference.replayer import Job, Replay, Replayer
@@ -117,8 +119,8 @@ class Fitter:
         """Return a null explanation, whose errors (W, N, M) are known, judged as a fit is."""
         none = Hypothesis(())
         zero = Replay(errors, np.zeros_like(errors))
-        state = _State(none, np.zeros((FOLDS, 0)), zero, *self._train(zero))
-        return self._judge(state, zero)
+        state = _State(none, np.zeros((FOLDS, 0)), zero, self._train(zero))
+        return state.judged(errors, self._score(state, zero))
 
     def score_capped(self, fit: Fit, most: np.ndarray) -> np.ndarray:
         """Return the score of a fit, (W,), if the discrepancy is at most so large, (M,) noises."""
@@ -141,8 +143,7 @@ class Fitter:
                 jobs.append((hypothesis, values))
                 owners.append(number)
         states: dict[int, _State] = {}
-        for owner, job, replay in zip(owners, jobs, self._replay(jobs), strict=True):
-            state = _State(*job, replay, *self._train(replay))
+        for owner, state in zip(owners, self._make(jobs, self._replay(jobs)), strict=True):
             state.damping[:] = self.settings.damping
             if owner in states:
                 states[owner].take(state, self.fold)
@@ -155,16 +156,25 @@ class Fitter:
         every = self.replayer.every
         return self.replayer.replay([Job(h, values[self.fold], every) for h, values in jobs])
 
-    def _train(
-        self, replay: Replay, near: Sequence[Trained] | None = None
-    ) -> tuple[list[Trained], np.ndarray]:
-        """Return the discrepancy of each fold, and its log density, (2,)."""
+    def _make(
+        self,
+        jobs: Sequence[tuple[Hypothesis, np.ndarray]],
+        replays: Sequence[Replay],
+        near: Sequence[Sequence[Trained]] | None = None,
+    ) -> list[_State]:
+        """Return each hypothesis under values (2, P), its discrepancy trained, on several cores."""
+        pairs = zip(replays, [None] * len(jobs) if near is None else near, strict=True)
+        every = together([partial(self._train, *pair) for pair in pairs])
+        made = zip(jobs, replays, every, strict=True)
+        return [_State(*job, replay, trained) for job, replay, trained in made]
+
+    def _train(self, replay: Replay, near: Sequence[Trained] | None = None) -> list[Trained]:
+        """Return the discrepancy of each fold."""
         projection = self.likelihood.project(replay.error)
-        trained = [
+        return [
             self.likelihood.train(projection, own, near=None if near is None else near[side])
             for side, own in enumerate(self.sides)
         ]
-        return trained, np.array([one.density for one in trained])
 
     def _walk(self, states: Sequence[_State]) -> None:
         """Move each whole number by one as long as that is better, in place."""
@@ -179,8 +189,8 @@ class Fitter:
             trials = [(state, values) for state, values in trials if (values != state.values).any()]
             jobs = [(state.hypothesis, values) for state, values in trials]
             live = []
-            for (state, values), replay in zip(trials, self._replay(jobs), strict=True):
-                other = _State(state.hypothesis, values, replay, *self._train(replay))
+            made = self._make(jobs, self._replay(jobs))
+            for (state, _), other in zip(trials, made, strict=True):
                 if (state.take(other, self.fold) > BETTER).any() and state not in live:
                     live.append(state)
 
@@ -189,8 +199,8 @@ class Fitter:
         self._differentiate([state for state in states if state.slopes is None])
         trials = [self._trial(state) for state in states]
         pairs = [(state.hypothesis, values) for state, values in zip(states, trials, strict=True)]
-        made = zip(states, trials, self._replay(pairs), strict=True)
-        return [state for state, values, replay in made if self._improve(state, values, replay)]
+        made = self._make(pairs, self._replay(pairs), [state.trained for state in states])
+        return [one for one, other in zip(states, made, strict=True) if self._improve(one, other)]
 
     def _differentiate(self, states: Sequence[_State]) -> None:
         """Give each the slopes of its errors with its values, by finite differences."""
@@ -223,14 +233,13 @@ class Fitter:
             found[side, state.places] -= step
         return state.hypothesis.clip(found)
 
-    def _improve(self, state: _State, values: np.ndarray, replay: Replay) -> bool:
+    def _improve(self, state: _State, other: _State) -> bool:
         """Keep what is better of a trial; return whether another step may gain."""
-        other = _State(state.hypothesis, values, replay, *self._train(replay, state.trained))
         before, error = state.values.copy(), state.replay.error
         state.gain = np.maximum(state.take(other, self.fold), 0.0)
         good, again = state.gain > self.settings.settled, not state.fresh
         if good.any():
-            state.learn(values - before, replay.error - error, self.fold)
+            state.learn(other.values - before, other.replay.error - error, self.fold)
         elif again:
             state.slopes = None
             return True
@@ -244,27 +253,27 @@ class Fitter:
     def _finish(self, states: Sequence[_State]) -> list[Fit]:
         """Return the fits, judged; what fits the other fold better than its own is taken over."""
         held = self._crossed(states)
-        again = []
-        for state, replay in zip(states, held, strict=True):
-            if (state.values[0] != state.values[1]).any():
-                values = state.values[::-1]
-                other = _State(state.hypothesis, values, replay, *self._train(replay))
-                if (state.take(other, self.fold) > BETTER).any():
-                    again.append(state)
+        apart = [pair for pair in zip(states, held, strict=True) if pair[0].is_apart]
+        jobs = [(state.hypothesis, state.values[::-1]) for state, _ in apart]
+        again, swapped = [], self._make(jobs, [replay for _, replay in apart])
+        for (state, _), other in zip(apart, swapped, strict=True):
+            if (state.take(other, self.fold) > BETTER).any():
+                again.append(state)
         anew = {id(s): replay for s, replay in zip(again, self._crossed(again), strict=True)}
-        return [
-            self._judge(state, anew.get(id(state), replay))
-            for state, replay in zip(states, held, strict=True)
-        ]
+        held = [anew.get(id(s), replay) for s, replay in zip(states, held, strict=True)]
+        pairs = list(zip(states, held, strict=True))
+        scores = together([partial(self._score, *pair) for pair in pairs])
+        return [s.judged(own.error, score) for (s, own), score in zip(pairs, scores, strict=True)]
 
     def _crossed(self, states: Sequence[_State]) -> list[Replay]:
         """Return each state under the values of the other fold; where they agree, as it is."""
-        apart = [state for state in states if (state.values[0] != state.values[1]).any()]
+        apart = [state for state in states if state.is_apart]
         made = iter(self._replay([(s.hypothesis, s.values[::-1]) for s in apart]))
         held = {id(state): next(made) for state in apart}
         return [held.get(id(state), state.replay) for state in states]
 
-    def _judge(self, state: _State, held: Replay) -> Fit:
+    def _score(self, state: _State, held: Replay) -> np.ndarray:
+        """Return the score of a state, see `Fit`, from its replay under the other fold's values."""
         score = np.zeros(len(self.fold))
         for side in range(FOLDS):
             errors = self._seen_from(side, state.replay.error, held.error)
@@ -272,15 +281,7 @@ class Fitter:
             projection = self.likelihood.project(errors)
             predicted = self.likelihood.predict(projection, state.trained[side])
             score[other] = (predicted - self.likelihood.charge(state.trained[side]))[other]
-        return Fit(
-            state.hypothesis,
-            state.values,
-            state.replay.error,
-            held.error,
-            tuple(state.trained),
-            state.density,
-            score,
-        )
+        return score
 
     def _seen_from(self, side: int, own: np.ndarray, held: np.ndarray) -> np.ndarray:
         """Return the errors of all windows under the values of one fold, (W, N, M)."""
@@ -295,16 +296,26 @@ class _State:
         hypothesis: Hypothesis,
         values: np.ndarray,
         replay: Replay,
-        trained: list[Trained],
-        density: np.ndarray,
+        trained: Sequence[Trained],
     ) -> None:
         self.hypothesis, self.values, self.replay = hypothesis, values.copy(), replay
-        self.trained, self.density = list(trained), density.copy()
+        self.trained = list(trained)
+        self.density = np.array([one.density for one in trained])
         self.damping, self.failed = np.zeros(FOLDS), np.zeros(FOLDS, int)
         self.gain = np.zeros(FOLDS)  # of the last step [nats]
         self.places = np.flatnonzero(hypothesis.smooth)
         self.slopes: Any = None  # (W, N, M, P) of the errors, None: unknown
         self.fresh = False  # whether they are those of the present values
+
+    @property
+    def is_apart(self) -> bool:
+        """Whether the folds have values of their own."""
+        return bool((self.values[0] != self.values[1]).any())
+
+    def judged(self, held: np.ndarray, score: np.ndarray) -> Fit:
+        """Return the fit, with its held-out errors (W, N, M) and its score (W,)."""
+        own = self.replay.error, held, tuple(self.trained), self.density
+        return Fit(self.hypothesis, self.values, *own, score)
 
     def take(self, other: _State, fold: np.ndarray) -> np.ndarray:
         """Take over what the other does better in a fold; return the gains [nats], (2,)."""

@@ -33,8 +33,9 @@ from sim2real.diagnosis.inference.episodes import follows_episodes
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.glance import NONE
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
-from sim2real.diagnosis.inference.likelihood import HALF, Basis
+from sim2real.diagnosis.inference.likelihood import Basis
 from sim2real.diagnosis.inference.moves import is_part, pick_distinct, rank_fits, restart, without
+from sim2real.diagnosis.inference.products import HALF
 from sim2real.diagnosis.inference.pushes import Pushed, find_pushes
 from sim2real.diagnosis.inference.replayer import Job, Replayer
 from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, Gain, deal_folds
@@ -125,7 +126,7 @@ class Judge:
             vocabulary: what it may be explained by.
         """
         tried = {self.given.label: self.given}
-        best, self.choices = self.given, max(len(vocabulary.members), 1)  # that it may be of
+        best, self.choices = self.given, vocabulary.choices
         while len(best.hypothesis.members) < self.settings.members_max:
             added = f" in addition to {best.label}" if best.hypothesis.members else ""
             self.moving(f"looking at every change{added}", SHARES[len(best.hypothesis.members)])

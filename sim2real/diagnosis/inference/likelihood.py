@@ -29,16 +29,27 @@ integrated out by the matrix inversion lemma, L within each window and C over al
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from functools import reduce
+from itertools import accumulate, product
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import gammaincc
 
+from sim2real.diagnosis.inference.products import (
+    HALF,
+    Products,
+    add,
+    compute_pull,
+    condense,
+    eliminate,
+    integrate,
+    predict_each,
+)
 from sim2real.diagnosis.settings.inference import Inference
 
-NEAR = 2  # octaves to either side that a sweep looks at
-HALF = 0.5  # of a square, in the exponent of a Gaussian
 FOLDS = 2  # halves of the windows: one is trained on, the other predicted
+NEAR = np.array(sorted(product((-1, 0, 1), repeat=2), key=any))  # steps of time and size
 SHIFTS = np.arange(-1, 5)  # doublings of a window's own discrepancy
 
 
@@ -123,21 +134,23 @@ class Likelihood:
         self._evidence = max(settings.temperature * int(rows.sum()) / FOLDS, 1.0)
         directions = np.concatenate([local, common / np.sqrt(self._evidence)], axis=-1)
         self._turned = self._turn(np.where(used[..., None, None], directions, 0.0))
-        weighed = self._turned[:, None] * self._inverse[..., None]  # (T, S, M, W, N, D)
-        self._gram = weighed.mT @ self._turned[:, None]  # (T, S, M, W, D, D)
+        count = directions.shape[-1]
+        self._gram = np.empty((*self._inverse.shape[:-1], count, count))  # (T, S, M, W, D, D)
+        for time, turned in enumerate(self._turned):  # of one size at a time: memory
+            for size, inverse in enumerate(self._inverse[time]):
+                self._gram[time, size] = (turned * inverse[..., None]).mT @ turned
 
     def _turn(self, values: np.ndarray) -> np.ndarray:
         """Return values (W, N, M, ...) in the bases of all correlation times, (T, M, W, N, ...)."""
-        joints_first = np.moveaxis(values, 2, 0)  # (M, W, N, ...)
-        flat = joints_first.reshape(*joints_first.shape[:3], -1)
-        turned = self.basis.vectors.mT[:, None] @ flat
-        return turned.reshape(len(self.basis.vectors), *joints_first.shape)
+        flat = values.reshape(*values.shape[:2], -1)  # (W, N, M ...)
+        turned = (self.basis.vectors.mT @ flat).reshape(len(self.basis.vectors), *values.shape)
+        return np.ascontiguousarray(np.moveaxis(turned, 3, 1))
 
     def project(self, errors: np.ndarray) -> Projection:
         """Return errors (W, N, M) as the other methods need them."""
         turned = self._turn(np.where(self.used[..., None], errors, 0.0))  # (T, M, W, N)
         weighed = self._inverse * turned[:, None]  # (T, S, M, W, N)
-        cross = (weighed[..., None, :] @ self._turned[:, None])[..., 0, :]
+        cross = np.moveaxis(np.moveaxis(weighed, 1, 3) @ self._turned, 3, 1)
         square = (weighed * turned[:, None]).sum(axis=-1) + self._log_det
         return Projection(cross, square)
 
@@ -161,13 +174,12 @@ class Likelihood:
         time, size, shift = self._begin(projection, windows, cap, near)
         for _ in range(self.settings.turns):
             before = time.copy(), size.copy(), shift.copy()
-            for joint in range(len(self.noise)):
-                self._sweep(projection, windows, cap, (time, size, shift), joint)
+            self._sweep(projection, windows, cap, (time, size, shift))
             self._assign(projection, windows, cap, (time, size, shift))
             if all((a == b).all() for a, b in zip(before, (time, size, shift), strict=True)):
                 break
-        parts = self._parts(projection, windows, cap, time, size, shift[windows])
-        density, mean, precision = _together(*self._integrated(*parts))
+        whole = self._whole(projection, windows, cap, time, size, shift[windows])
+        density, mean, precision = condense(whole)
         prior = self.log_prior[shift[windows]].sum()
         return Trained(time, size, shift, mean, precision, float(density + prior))
 
@@ -181,18 +193,11 @@ class Likelihood:
         cap = np.searchsorted(self.sizes, np.inf if most is None else most, side="right") - 1
         cap = np.broadcast_to(cap, self.noise.shape)
         every = np.arange(len(self.used))
-        densities = [
-            weight
-            + _apart(
-                *self._integrated(
-                    *self._parts(
-                        projection, every, cap, trained.time, trained.size, np.full(len(every), k)
-                    )
-                ),
-                trained,
-            )
-            for k, weight in enumerate(self.log_prior)
-        ]
+        densities = []
+        for k, weight in enumerate(self.log_prior):
+            same = np.full(len(every), k)
+            own = self._whole(projection, every, cap, trained.time, trained.size, same)
+            densities.append(weight + predict_each(own, trained.mean, trained.precision))
         return np.logaddexp.reduce(densities)
 
     def charge(self, trained: Trained) -> np.ndarray:
@@ -228,13 +233,17 @@ class Likelihood:
             both = np.concatenate([self._turned[time, joint, windows], turned], axis=-1)
             weight = self._inverse[time, own, joint, windows]
             gram += (both * weight[..., None]).mT @ both
-        gram = _eliminated(gram, self._local).sum(axis=0)
-        return _eliminated(gram, count - self._local, 1.0 if tempered else 1 / self._evidence)
+        gram = eliminate(gram, self._local).sum(axis=0)
+        return eliminate(gram, count - self._local, 1.0 if tempered else 1 / self._evidence)
 
     def _shifted(self, size: np.ndarray, shift: np.ndarray, cap: int | None = None) -> np.ndarray:
         """Return indices of sizes that windows' own shifts lead to."""
         last = len(self.sizes) - 1 if cap is None else cap
         return np.clip(size + SHIFTS[shift], 0, last)
+
+    def _whole(self, *where: Any) -> Products:
+        """Return the products of all joints, each window's own unknowns integrated out."""
+        return integrate(reduce(add, self._parts(*where)), self._local)
 
     def _parts(
         self,
@@ -244,19 +253,17 @@ class Likelihood:
         time: np.ndarray,
         size: np.ndarray,
         shift: np.ndarray,
-        without: int | None = None,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return gram (n, D, D), cross (n, D) and square (n,) of windows, summed over joints."""
-        count = self._turned.shape[-1]
-        gram, cross = np.zeros((len(windows), count, count)), np.zeros((len(windows), count))
-        square = np.zeros(len(windows))
-        for joint in range(len(self.noise)):
-            if joint != without:
-                cell = (time[joint], self._shifted(size[joint], shift, cap[joint]), joint, windows)
-                gram += self._gram[cell]
-                cross += projection.cross[cell]
-                square += projection.square[cell]
-        return gram, cross, square
+    ) -> list[Products]:
+        """Return the products of each joint in some windows."""
+        cells = [
+            (t, self._shifted(s, shift, most), joint, windows)
+            for joint, (t, s, most) in enumerate(zip(time, size, cap, strict=True))
+        ]
+        return [self._products(projection, cell) for cell in cells]
+
+    def _products(self, projection: Projection, cell: Any) -> Products:
+        """Return the products at times, sizes, joints and windows."""
+        return Products(self._gram[cell], projection.cross[cell], projection.square[cell])
 
     def _begin(
         self, projection: Projection, windows: np.ndarray, cap: np.ndarray, near: Trained | None
@@ -277,23 +284,25 @@ class Likelihood:
         windows: np.ndarray,
         cap: np.ndarray,
         state: tuple[np.ndarray, np.ndarray, np.ndarray],
-        joint: int,
     ) -> None:
-        """Let one joint's discrepancy be the best near to what it is, in place."""
+        """Let each joint's discrepancy in turn be the best near to what it is, in place."""
         time, size, shift = state
-        rest = self._parts(projection, windows, cap, time, size, shift[windows], joint)
-        low, high = max(size[joint] - NEAR, 0), min(size[joint] + NEAR, cap[joint])
-        times, sizes = np.meshgrid(
-            np.arange(len(self.basis.vectors)), np.arange(low, high + 1), indexing="ij"
-        )
-        times, sizes = times.ravel(), sizes.ravel()  # (c,)
-        own = np.clip(sizes[:, None] + SHIFTS[shift[windows]], 0, cap[joint])  # (c, n)
-        cell = (times[:, None], own, joint, windows)
-        parts = (self._gram[cell], projection.cross[cell], projection.square[cell])
-        whole = (one + every for one, every in zip(parts, rest, strict=True))
-        density, _, _ = _together(*self._integrated(*whole))
-        best = int(np.argmax(density))
-        time[joint], size[joint] = times[best], sizes[best]
+        parts = self._parts(projection, windows, cap, time, size, shift[windows])
+        later = [*accumulate(reversed(parts), add)][-2::-1]  # those after each joint but the last
+        before: list[Products] = []  # those before it
+        for joint in range(len(self.noise)):
+            others = before + later[joint : joint + 1]
+            while True:
+                here = time[joint], size[joint]
+                times, sizes = _list_near(*here, len(self.basis.vectors) - 1, cap[joint]).T
+                own = np.clip(sizes[:, None] + SHIFTS[shift[windows]], 0, cap[joint])  # (c, n)
+                cells = self._products(projection, (times[:, None], own, joint, windows))
+                tried = reduce(add, others, cells)
+                best = int(np.argmax(condense(integrate(tried, self._local))[0]))
+                time[joint], size[joint] = times[best], sizes[best]
+                if here == (time[joint], size[joint]):
+                    break
+            before = [reduce(add, before, Products(*(one[best] for one in cells)))]
 
     def _assign(
         self,
@@ -304,32 +313,14 @@ class Likelihood:
     ) -> None:
         """Give each window the scale that fits it best, the common errors as they are, in place."""
         time, size, shift = state
-        now = self._integrated(*self._parts(projection, windows, cap, time, size, shift[windows]))
-        _, mean, _ = _together(*now)
+        now = self._whole(projection, windows, cap, time, size, shift[windows])
+        _, mean, _ = condense(now)
         found = []
         for k, weight in enumerate(self.log_prior):
             same = np.full(len(windows), k)
-            gram, cross, square = self._integrated(
-                *self._parts(projection, windows, cap, time, size, same)
-            )
-            pull = np.einsum("u,nuv,v->n", mean, gram, mean) - 2 * cross @ mean
-            found.append(weight - HALF * (square + pull))
+            own = self._whole(projection, windows, cap, time, size, same)
+            found.append(weight - HALF * (own.square + compute_pull(own, mean)))
         shift[windows] = np.argmax(found, axis=0)
-
-    def _integrated(
-        self, gram: np.ndarray, cross: np.ndarray, square: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the same with each window's own unknowns integrated out."""
-        count = self._local
-        if not count:
-            return gram, cross, square
-        root = np.linalg.cholesky(gram[..., :count, :count] + np.eye(count))
-        right = np.concatenate([gram[..., :count, count:], cross[..., :count, None]], axis=-1)
-        solved = np.linalg.solve(root, right)
-        across, along = solved[..., :-1], solved[..., -1]
-        left = gram[..., count:, count:] - across.mT @ across
-        rest = cross[..., count:] - np.einsum("...lu,...l->...u", across, along)
-        return left, rest, square - (along**2).sum(axis=-1) + _log_det(root)
 
 
 def _log_shifts(freedom: float) -> np.ndarray:
@@ -342,39 +333,7 @@ def _log_shifts(freedom: float) -> np.ndarray:
     return np.log(np.diff([0.0, *below, 1.0]))
 
 
-def _log_det(root: np.ndarray) -> np.ndarray:
-    """Return the log determinant of the matrices whose Cholesky roots these are."""
-    return 2 * np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1)
-
-
-def _eliminated(gram: np.ndarray, count: int, precision: float = 1.0) -> np.ndarray:
-    """Return products (..., P, P) with the first directions, of some prior, integrated out."""
-    if not count:
-        return gram
-    root = np.linalg.cholesky(gram[..., :count, :count] + precision * np.eye(count))
-    across = np.linalg.solve(root, gram[..., :count, count:])
-    return gram[..., count:, count:] - across.mT @ across
-
-
-def _together(
-    gram: np.ndarray, cross: np.ndarray, square: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the log density of windows (..., n, U) together, and the common errors' posterior."""
-    precision = gram.sum(axis=-3) + np.eye(gram.shape[-1])
-    pull = cross.sum(axis=-2)
-    root = np.linalg.cholesky(precision)
-    along = np.linalg.solve(root, pull[..., None])[..., 0]
-    mean = np.linalg.solve(root.mT, along[..., None])[..., 0]
-    density = -HALF * (square.sum(axis=-1) - (along**2).sum(axis=-1) + _log_det(root))
-    return density, mean, precision
-
-
-def _apart(gram: np.ndarray, cross: np.ndarray, square: np.ndarray, trained: Trained) -> np.ndarray:
-    """Return the log density of each window under the common errors' posterior, (n,)."""
-    mean, precision = trained.mean, trained.precision
-    pull = cross - gram @ mean
-    both, prior = np.linalg.cholesky(precision + gram), np.linalg.cholesky(precision)
-    along = np.linalg.solve(both, pull[..., None])[..., 0]
-    grown = _log_det(both) - _log_det(prior)
-    at_mean = square - 2 * cross @ mean + np.einsum("u,nuv,v->n", mean, gram, mean)
-    return -HALF * (at_mean - (along**2).sum(axis=-1) + grown)
+def _list_near(time: int, size: int, last: int, most: int) -> np.ndarray:
+    """Return indices of a time and a size, and of their neighbours, (c, 2): itself first."""
+    found = np.add(NEAR, (time, size))
+    return found[((found >= 0) & (found <= (last, most))).all(axis=1)]

@@ -28,8 +28,8 @@ from sim2real.diagnosis.evidence import Pair
 from sim2real.diagnosis.inference.candidates import Candidate
 from sim2real.diagnosis.inference.fit import Fit, Fitter
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
-from sim2real.diagnosis.inference.likelihood import HALF
 from sim2real.diagnosis.inference.probes import find_scalars
+from sim2real.diagnosis.inference.products import HALF
 from sim2real.diagnosis.inference.replayer import Job
 from sim2real.diagnosis.settings import TINY
 

@@ -4,11 +4,12 @@
     find_mistakes(data)                         # ["ctrl.elbow: multiply by -1"]
 
 Where windows start from an estimate (`ground`), that estimate is the model's as given. Once causes
-are known it is made again with them in the model, and the gap is judged anew on these windows.
+are known it is made again with them in the model, and those that promised something are judged anew
+on these windows.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -74,18 +75,22 @@ def find_causes(about: About) -> Causes:
     found = effects_of(judgement.best)
     if about.restart is not None and found:
         data = about.restart(merge_effects(about.fixed, found))
-        baseline, judgement = _judge(about, data)
+        fitted = judgement.best, *judgement.rivals
+        labels = {member.label for fit in fitted for member in fit.hypothesis.members}
+        baseline, judgement = _judge(about, data, labels)
     made = make_conclusion(judgement, baseline, about.rng)
     return Causes(judgement.judge.data, baseline, judgement, made)
 
 
-def _judge(about: About, data: Data) -> tuple[Baseline, Judgement]:
-    """Return the gap as given in some windows, and the judgement on it."""
+def _judge(
+    about: About, data: Data, only: Collection[str] | None = None
+) -> tuple[Baseline, Judgement]:
+    """Return the gap as given in some windows, and the judgement on it; see `Vocabulary`."""
     trusted = about.restart is not None
     data = data if trusted else skip_beginnings(data, math.ceil(MOST))
     judge = Judge(data, about.fixed, about.rng, about.work, about.moving)
     baseline = Baseline.of(judge.replayer, about.rng)
-    vocabulary = Vocabulary(data, about.exclude, about.fixed, log=not trusted)
+    vocabulary = Vocabulary(data, about.exclude, about.fixed, log=not trusted, only=only)
     return baseline, judge.judge(vocabulary)
 
 

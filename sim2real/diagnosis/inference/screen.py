@@ -23,8 +23,8 @@ import numpy as np
 from sim2real.diagnosis.inference.candidates import Candidate
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
-from sim2real.diagnosis.inference.likelihood import HALF
 from sim2real.diagnosis.inference.moves import are_compatible, join_members
+from sim2real.diagnosis.inference.products import HALF
 from sim2real.diagnosis.settings import TINY
 
 CHUNK = 24  # changes whose products are taken at once
@@ -116,9 +116,19 @@ def list_promising(fitter: Fitter, base: Fit, lines: Sequence[Line], most: int) 
 
 
 def trace_lines(fitter: Fitter, base: Fit, starts: Sequence[Start]) -> list[Line]:
-    """Return the lines of each change that can join the base, one through each probe."""
+    """Return the lines of each change that can join the base, one through each of its probes.
+
+    Every second probe is looked at first, and the others of the changes that promise most.
+    """
     own = [s for s in starts if are_compatible(base.hypothesis, s.hypothesis.members[0])]
-    asked = [(s, point) for s in own for point in s.points]
+    lines = _trace(fitter, base, [(s, point) for s in own for point in s.points[::2]])
+    best = {line.member.label for line in _pick(lines, fitter.settings.promising)}
+    rest = [(s, p) for s in own if s.hypothesis.label in best for p in s.points[1::2]]
+    return lines + _trace(fitter, base, rest)
+
+
+def _trace(fitter: Fitter, base: Fit, asked: Sequence[tuple[Start, np.ndarray]]) -> list[Line]:
+    """Return the lines through some probes (P,) of changes."""
     joined = [join_members(base, s.hypothesis.members, point[None]) for s, point in asked]
     errors = fitter.replay_points(joined)
     lines = []

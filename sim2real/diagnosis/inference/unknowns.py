@@ -17,6 +17,8 @@ from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import Basis, Likelihood
 from sim2real.diagnosis.inference.replayer import Job, Replayer
 
+FAINT = 0.1
+
 
 def compute_unknowns(
     replayer: Replayer, coarse: Replayer, hypothesis: Hypothesis, values: np.ndarray
@@ -41,8 +43,8 @@ def compute_unknowns(
     starts = coarse.starts(hypothesis, values)
     local = np.concatenate([starts, clock, replayer.estimated], axis=-1)
     usual = coarse.usual(hypothesis, values)
-    common = _principal(replayer, np.concatenate([usual, clock], axis=-1))
-    return cap_directions(replayer, local), cap_directions(replayer, common)
+    common = _largest(replayer, np.concatenate([usual, clock], axis=-1))
+    return _principal(replayer, cap_directions(replayer, local)), cap_directions(replayer, common)
 
 
 def make_fitter(
@@ -85,6 +87,20 @@ def cap_directions(replayer: Replayer, ways: np.ndarray) -> np.ndarray:
 
 
 def _principal(replayer: Replayer, ways: np.ndarray) -> np.ndarray:
+    """Return directions (W, N, M, L) of each window as fewer of the same covariance.
+
+    What is left out adds less than `FAINT` to the variance of the noise.
+    """
+    used = replayer.used[..., None, None]
+    flat = np.where(used, ways / replayer.noise[:, None], 0.0).reshape(
+        len(ways), -1, ways.shape[-1]
+    )
+    variance, turned = np.linalg.eigh(flat.mT @ flat)
+    kept = turned[..., (variance > FAINT).any(axis=0)]
+    return (ways.reshape(flat.shape) @ kept).reshape(*ways.shape[:-1], -1)
+
+
+def _largest(replayer: Replayer, ways: np.ndarray) -> np.ndarray:
     """Return directions (W, N, M, U) as fewer of about the same covariance."""
     most = replayer.settings.factors_max
     if ways.shape[-1] <= most:

@@ -54,7 +54,7 @@ class Vocabulary:
         *,
         log: bool = True,
         robot: bool = True,
-        only: Sequence[str] | None = None,
+        only: Collection[str] | None = None,
     ) -> None:
         self.data = data
         effects = list_effects(data, exclude, fixed) if robot else []
@@ -64,6 +64,7 @@ class Vocabulary:
         undone = {change.label for change in changes}
         found: list[Member] = [*changes]
         found += [member for member in effects if member.label not in undone]
+        self.choices = max(len(found), 1)  # that a change is one of
         self.members = [one for one in found if only is None or one.label in only]
 
     def list_starts(self, errors: np.ndarray, joints: Collection[str]) -> list[Start]:

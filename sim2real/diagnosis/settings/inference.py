@@ -47,7 +47,7 @@ class Inference:
         12, "1", "largest number of principal components of the errors that `usual` causes", COST
     )
     turns: int = setting(
-        4, "1", "largest number of sweeps over the joints to fit their discrepancies", COST
+        2, "1", "largest number of sweeps over the joints to fit their discrepancies", COST
     )
     difference: float = setting(
         0.03, "1", "step of finite differences, relative to the value", COST
