@@ -1,5 +1,7 @@
 """What promises most, along straight lines in the likelihood's metric."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -122,3 +124,26 @@ def test_joints_without_a_gap_show_nothing(tmp_path: Path) -> None:
     assert some < every
     assert {"coulomb_friction.b", "coulomb_friction", "gravity_tilt", "log.clock.time"} <= some
     assert {"coulomb_friction.a", "log.reversal.qpos.a"} <= every - some
+
+
+def test_all_probes_of_what_promises_are_looked_at(
+    traced: tuple[Judge, list[Line]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the others, every second one."""
+    judge, _ = traced
+    glance = judge.search.glance
+    monkeypatch.setattr(glance, "settings", replace(glance.settings, promising=1))
+    (base,) = glance.fit([restart(judge.given)], rounds=0)
+    starts = Vocabulary(judge.data, only=LABELS).list_starts(judge.replay_errors(judge.given), "ab")
+    counts = {start.hypothesis.label: len(start.points) for start in starts}
+    asked: list[str] = []
+    replay = glance.replay_points
+
+    def replay_points(some: Sequence[Start]) -> list[np.ndarray]:
+        asked.extend(start.hypothesis.label for start in some)
+        return replay(some)
+
+    monkeypatch.setattr(glance, "replay_points", replay_points)
+    best = max(trace_lines(glance, base, starts), key=lambda line: line.gain).member.label
+    for label, count in counts.items():
+        assert asked.count(label) == (count if label == best else (count + 1) // 2)

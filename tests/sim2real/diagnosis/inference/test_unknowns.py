@@ -1,0 +1,34 @@
+"""What is unknown of windows, in as few directions as say the same."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim2real.diagnosis.inference import unknowns
+from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.inference.judge import Judge
+from tests.sim2real.diagnosis import arm
+
+NOISE = 3e-4
+
+
+def test_fewer_directions_have_the_same_covariance(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All that is left out of a window is below a tenth of the noise's variance."""
+    judge = Judge(arm.data_of(arm.make_log(noise=NOISE), tmp_path))
+    args = judge.replayer, judge.coarse, Hypothesis(()), np.zeros((len(judge.fold), 0))
+    few, _ = unknowns.compute_unknowns(*args)
+    monkeypatch.setattr(unknowns, "FAINT", -1.0)
+    every, _ = unknowns.compute_unknowns(*args)
+    assert 0 < few.shape[-1] <= every.shape[-1]
+    used = judge.replayer.used[..., None, None]
+    whole, some = (
+        np.where(used, ways / judge.replayer.noise[:, None], 0.0).reshape(
+            len(ways), -1, ways.shape[-1]
+        )
+        for ways in (every, few)
+    )
+    left = np.linalg.eigvalsh(whole @ whole.mT - some @ some.mT)
+    assert np.abs(left).max() <= 0.1
