@@ -2,8 +2,9 @@
 
     python -m benchmarks.likelihood         # writes benchmarks/results/likelihood.md
 
-Counts what the exams' scorers wrote. The engine changed between the exams; each was drawn anew and
-opened once, so that none of its cases was seen before.
+Counts what the exams' scorers wrote: those of the release, and those of versions before it, between
+which the engine changed. Each was drawn anew and opened once, so that none of its cases was seen
+before.
 """
 
 import csv
@@ -17,8 +18,13 @@ from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
 
 RESULTS = Path(__file__).parent / "results"
-OWN = ("blindcheck_2049.csv", "blindcheck_2051.csv", "blindcheck_2053.csv")  # MuJoCo on both sides
-OTHER = ("thirdparty_55.csv", "thirdparty_56.csv", "thirdparty_57.csv")  # robots moved by Drake
+EXAMS = {  # by title: robots that MuJoCo moves, and robots that Drake moves
+    "Release 0.2.0": (("blindcheck_2054.csv", "blindcheck_2055.csv"), ("thirdparty_58.csv",)),
+    "Versions before it": (
+        ("blindcheck_2049.csv", "blindcheck_2051.csv", "blindcheck_2053.csv"),
+        ("thirdparty_55.csv", "thirdparty_56.csv", "thirdparty_57.csv"),
+    ),
+}
 HIDDEN = ("one", "two")  # kinds of cases that hide what can be named
 
 
@@ -59,15 +65,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = command("likelihood", __doc__)
     parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the tables")
     folder = parser.parse_args(arguments).results
-    missing = [name for name in (*OWN, *OTHER) if not (folder / name).is_file()]
+    names = [name for exams in EXAMS.values() for name in sum(exams, ())]
+    missing = [name for name in names if not (folder / name).is_file()]
     if missing:
         parser.error(f"--results {folder}: no {', '.join(missing)}; give the folder")
-    text = (
-        "# Fresh exams of one likelihood\n\n"
-        f"`python -m benchmarks.likelihood`, of `{'`, `'.join((*OWN, *OTHER))}`. "
-        "Brackets: 95 % intervals.\n\n"
-        f"{table_of(read(folder, OWN), read(folder, OTHER)).markdown()}"
-    )
+    text = "# Fresh exams of one likelihood\n\n`python -m benchmarks.likelihood`. "
+    text += "Brackets: 95 % intervals.\n"
+    for title, (own, other) in EXAMS.items():
+        table = table_of(read(folder, own), read(folder, other)).markdown()
+        text += f"\n## {title}\n\nOf `{'`, `'.join((*own, *other))}`.\n\n{table.rstrip()}\n"
     print(text)
     write_text(folder / "likelihood.md", text)
     return 0

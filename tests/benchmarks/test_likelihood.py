@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.likelihood import OTHER, OWN, main
+from benchmarks.likelihood import EXAMS, main
 
 HEAD = "case,kind,answer,rank1,alarm,covered"
 OWN_ROWS = (
@@ -20,9 +20,10 @@ def test_each_question_is_asked_of_its_cases(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """An answer that is not called explained counts for no question about such answers."""
-    for names, rows in ((OWN, OWN_ROWS), (OTHER, OTHER_ROWS)):
-        for name in names:
-            (tmp_path / name).write_text("\n".join((HEAD, *rows)) + "\n", encoding="utf-8")
+    for own, other in EXAMS.values():
+        for names, rows in ((own, OWN_ROWS), (other, OTHER_ROWS)):
+            for name in names:
+                (tmp_path / name).write_text("\n".join((HEAD, *rows)) + "\n", encoding="utf-8")
     assert main(["--results", str(tmp_path)]) == 0
     text = (tmp_path / "likelihood.md").read_text(encoding="utf-8")
     assert text.strip() == capsys.readouterr().out.strip()
