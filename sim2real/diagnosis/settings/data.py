@@ -65,7 +65,7 @@ class Windows:
     reach: float = setting(
         0.25,
         "1",
-        "largest shift of a window's start to a calm moment, relative to the window",
+        "largest shift of a window's start to a moment of little motion, relative to the window",
         JUDGED,
     )
 

@@ -224,7 +224,7 @@ class Hunting:
     calm_s: float = setting(
         0.3,
         "s",
-        "time after the last swing that is excluded; also the calm time that must follow "
-        "before another hunt counts as new",
+        "time after the last swing that is excluded; also the shortest pause between two "
+        "separate oscillations",
         JUDGED,
     )
