@@ -137,7 +137,7 @@ class Driver(Torque):
         raise ServoError(f"{name}: it answers pings, but not reads; check cable and supply")
 
     def reconnect(self, patience: float) -> None:
-        """Retry after a lost cable, at growing intervals, until the servos answer; torque off.
+        """Reopen a lost port, at growing intervals, until the servos answer; leave torque off.
 
         Args:
             patience: how long to try [s].
