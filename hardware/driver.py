@@ -159,7 +159,7 @@ class Driver(Torque):
             pause = min(2 * pause, LONGEST_PAUSE)
 
     def measure_link(self, limits: StopLimits) -> LinkScore | None:
-        """Measure steps and answers after connecting, and set the patience accordingly.
+        """Measure steps and answers after connecting, and set the time-outs accordingly.
 
         A link that was good enough is not measured again, nor is the emulated bus of this process,
         which has its own clock.

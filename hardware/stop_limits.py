@@ -19,8 +19,8 @@ class StopLimits:
     Args:
         misses: stop after this number of consecutive readings without an answer from one servo.
         hottest: stop at this distance below the servo's temperature limit register [K].
-        stray: stop if a joint is this far from its command [rad] for longer than `patience`; for
-            a soft servo, beyond the error at which it drives at full duty, if that is larger.
+        stray: stop if a joint is this far from its command [rad] for longer than `patience`. For a
+            soft servo, the limit is at least the error at which it drives at full duty.
         patience: time for which a joint may stray, or a servo exceed its current or load limit [s].
         outside: arm only if no joint is further outside its limits [rad]; the first commands then
             move it back inside.

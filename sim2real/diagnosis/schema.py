@@ -85,7 +85,7 @@ class JointGap:
     share: float  # fraction of the gap at this joint
     before: float  # RMS error with the model as given [rad or m]
     after: float | None = None  # RMS error with the causes in the model; None if there are none
-    regimes: tuple[Regime, ...] = ()  # with a larger fraction of the gap than of the time
+    regimes: tuple[Regime, ...] = ()  # regimes with more of the gap than of the time
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ def compare(
         after: second set of logs.
         model: an MJCF for all logs; None: the model that each log names.
         effects: an effects.yaml of the robot's earlier effects, put into the model first.
-        watch: names of effects that may change; None: those of the settings.
+        watch: names of effects that may change; None: the effects of the setting `watched`.
         limits: largest acceptable change by effect, in its unit.
         remounted: whether the robot may have been remounted between the recordings.
         seed: seed of the permutations.
