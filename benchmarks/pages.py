@@ -86,9 +86,10 @@ def settings() -> str:
     """Return the page of every number that steers a diagnosis, a comparison or `identify`."""
     parts = [
         "# Settings",
-        "Every number that a diagnosis, `compare`, `contract` or `identify` depends on, generated"
-        " from their declarations. A unit of 1 is a fraction, a factor or a count; rad stands for m"
-        ' at slides. A report lists the origin of each under "How this was made".'
+        "This page is generated from the declarations of all numbers on which a diagnosis,"
+        " `compare`, `contract` or `identify` depends. A unit of 1 is a fraction, a factor or"
+        " a count; rad stands for m at slides. A report lists the origin of each under"
+        ' "How this was made".'
         " [How to change one](../how-to/exclude_and_correct.md).",
         "**Spread** is the standard deviation of a joint's positions. A **probe** is a value of an"
         " effect that is simulated first, before anything is fitted. The **discrepancy** is the"
@@ -129,7 +130,7 @@ def report_json() -> str:
         "# report.json",
         f"Schema {schema.SCHEMA}, generated from `sim2real/diagnosis/schema.py`. Reports of schema"
         f" {' and '.join(map(str, schema.READ[:-1]))} can be read. Numbers have six significant"
-        " digits; those that are not finite are `null`. `Report.from_json` reads a report.",
+        " digits; non-finite numbers are `null`. `Report.from_json` reads a report.",
     ]
     for kind in REPORT:
         lines = [(f"`{name}`", of, about) for name, of, about in _fields(kind)]

@@ -245,7 +245,7 @@ def main() -> None:
 
 
 def write(path: Path, rows: list[dict[str, Any]]) -> None:
-    """Write a CSV file whole or not at all."""
+    """Write a CSV file atomically."""
     with atomic_write(path) as part, part.open("w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()

@@ -199,7 +199,7 @@ def _plain(entry: Entry) -> Entry:
 
 
 def write(path: str | os.PathLike[str], found: Distribution) -> Path:
-    """Write a distribution, whole or not at all; return its path.
+    """Write a distribution atomically; return its path.
 
     Particles go into `<stem>_particles.csv` next to it, first.
 

@@ -99,7 +99,7 @@ class BusClient:
             self.port.setBaudRate(baud)
 
     def close(self) -> None:
-        """Close the port; a cable that is out does no harm."""
+        """Close the port, even if its cable is disconnected."""
         try:
             if self.port.is_open:
                 self.port.closePort()

@@ -131,7 +131,7 @@ def _by_id(robot: Robot, calibration: Calibration) -> Mapping[str, Joint]:
 
 
 def write_calibration(path: str | Path, calibration: Calibration) -> None:
-    """Write the file, whole or not at all."""
+    """Write the file atomically."""
     data = {
         "schema": SCHEMA,
         "robot": calibration.robot,

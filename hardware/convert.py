@@ -1,4 +1,4 @@
-"""Turn logs of other tools into this project's own, with new names and a model where wanted.
+"""Turn logs from other tools into this project's own, with new names and a model where wanted.
 
     convert("bam/data.bak/raw", "logs/xl330", joints=["hinge"], model="xl330.xml")
 

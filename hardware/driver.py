@@ -137,7 +137,7 @@ class Driver(Torque):
         raise ServoError(f"{name}: it answers pings, but not reads; check cable and supply")
 
     def reconnect(self, patience: float) -> None:
-        """Retry after a lost cable, at growing intervals, until the servos answer; torque off.
+        """Reopen a lost port, at growing intervals, until the servos answer; leave torque off.
 
         Args:
             patience: how long to try [s].
@@ -159,7 +159,7 @@ class Driver(Torque):
             pause = min(2 * pause, LONGEST_PAUSE)
 
     def measure_link(self, limits: StopLimits) -> LinkScore | None:
-        """Measure steps and answers after connecting, and set the patience accordingly.
+        """Measure steps and answers after connecting, and set the time-outs accordingly.
 
         A link that was good enough is not measured again, nor is the emulated bus of this process,
         which has its own clock.

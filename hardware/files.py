@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all."""
+"""Atomic writing of files: complete, or not there."""
 
 import os
 import secrets

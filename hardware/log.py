@@ -198,7 +198,7 @@ def read_logs(source: str | Path | Log | Iterable[str | Path | Log]) -> list[Log
 
 
 def write_log(path: str | Path, log: Log) -> Path:
-    """Write a log as CSV or Parquet, according to its suffix, whole or not at all.
+    """Write a log as CSV or Parquet, according to its suffix, atomically.
 
     Metadata of a CSV are written to a JSON file of the same name, those of a Parquet file into its
     schema. The model's path is written relative to the log.
@@ -219,7 +219,7 @@ def write_log(path: str | Path, log: Log) -> Path:
 
 
 def write_meta(path: Path, meta: Mapping[str, Any]) -> None:
-    """Write the JSON file of a CSV log, whole or not at all; without metadata remove it."""
+    """Write the JSON file of a CSV log atomically; without metadata remove it."""
     sidecar = path.with_suffix(".json")
     if not meta:
         return sidecar.unlink(missing_ok=True)

@@ -38,7 +38,7 @@ def without_personal(text: str, words: Sequence[tuple[str, str]]) -> str:
 
 
 def pack(folder: Path, path: Path, tell: Tell) -> None:
-    """Write the ZIP file, whole or not at all, and list what is in it.
+    """Write the ZIP file atomically, and list what is in it.
 
     Args:
         folder: what the runs wrote.

@@ -171,7 +171,7 @@ class Guard:
         """Read all servos, and the health of one in turn; stop if something is wrong.
 
         Raises:
-            SafetyError: with the servo and the reason; the robot is stopped.
+            SafetyError: a check failed; the message names servo and reason. The robot is stopped.
         """
         reading = self.measure()
         self.inspect()
@@ -181,7 +181,7 @@ class Guard:
         """Read all servos; stop if one is silent, reports an error or strays. A part of `read`.
 
         Raises:
-            SafetyError: with the servo and the reason; the robot is stopped.
+            SafetyError: a check failed; the message names servo and reason. The robot is stopped.
         """
         reading = self._do(self.driver.read)
         if self.armed:
@@ -196,7 +196,7 @@ class Guard:
         """Read the health of the next servo; stop if it is not healthy. A part of `read`.
 
         Raises:
-            SafetyError: with the servo and the reason; the robot is stopped.
+            SafetyError: a check failed; the message names servo and reason. The robot is stopped.
         """
         if not self.armed:
             return
@@ -247,7 +247,7 @@ class Guard:
         self._slack = True
 
     def restore_torque(self) -> Reading:
-        """Switch torque on again at the current pose, and return the reading that it holds.
+        """Switch torque on again at the current pose, which is held, and return its reading.
 
         Raises:
             SafetyError: a joint is outside its limits, or a servo does not follow.
@@ -371,11 +371,11 @@ class Guard:
             raise SafetyError(f"{error}; it came back, and torque is off") from error
 
     def abort(self, reason: str) -> NoReturn:
-        """Stop the robot for an external reason, and raise it."""
+        """Stop the robot for an external reason, and raise a SafetyError that contains it."""
         self._stop_for(reason)
 
     def _stop_for(self, reason: str) -> NoReturn:
-        """Stop the robot and raise the reason."""
+        """Stop the robot and raise a SafetyError with the reason."""
         _logger.error("stopped: %s", reason)
         try:
             self.stop()

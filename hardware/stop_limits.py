@@ -17,17 +17,17 @@ class StopLimits:
     """Thresholds for stopping and for arming.
 
     Args:
-        misses: stop after this number of consecutive readings without an answer of one servo.
+        misses: stop after this number of consecutive readings without an answer from one servo.
         hottest: stop at this distance below the servo's temperature limit register [K].
-        stray: stop if a joint is this far from its command [rad] for longer than `patience`; for
-            a soft servo, beyond the error at which it drives at full duty, if that is larger.
+        stray: stop if a joint is this far from its command [rad] for longer than `patience`. For a
+            soft servo, the limit is at least the error at which it drives at full duty.
         patience: time for which a joint may stray, or a servo exceed its current or load limit [s].
         outside: arm only if no joint is further outside its limits [rad]; the first commands then
             move it back inside.
         odd_voltage: stop if the supply differs from the robot's file by this fraction.
         return_time: time for which a lost bus is retried to switch torque off [s].
         slow_steps: arm only if at most this fraction of the control steps takes longer than their
-            period. Judgement; not studied.
+            period. This is a judgement; it was not studied.
         longest_pause: arm only if no pause between steps exceeds this fraction of the servos'
             watchdog. Judgement: the other half is a margin beyond a rehearsal of one second.
         lost: arm only if at most this fraction of a servo's answers is lost. Derived: a reading

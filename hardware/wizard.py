@@ -4,7 +4,7 @@
 
 The model says which joints there are: one actuator for each servo. A joint that is moved by hand
 says which servo turns it, and takes its limits, zero and direction with it. The file is written
-last, whole or not at all.
+last, atomically.
 """
 
 import math

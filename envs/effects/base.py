@@ -237,7 +237,7 @@ class Effect:
 
     @property
     def variant(self) -> str:
-        """Return what distinguishes it from the same effect at its location: `link side` or ""."""
+        """Return the option that two such effects at one location differ in: `link side` or ""."""
         return f"{self.side} side" if self.side else ""
 
     @classmethod

@@ -187,7 +187,7 @@ class ActuatorLag(ActuatorEffect):
     unit = "s"
     typical = (0.0, 0.03)
     no_mjcf = "MJCF filters an actuator's command, not its torque"
-    symptom = "the torque builds up late: overshoot and ringing despite well-damped gains"
+    symptom = "overshoot and ringing despite well-damped gains, because the torque builds up late"
     source = (
         "T dtau/dt = tau_control - tau; MuJoCo XML reference, dyntype filterexact, on the torque"
     )

@@ -138,7 +138,7 @@ def write_effects(
     effects: Sequence[tuple[Effect, Sequence[float]]],
     intervals: Sequence[tuple[float, float] | None] | None = None,
 ) -> None:
-    """Write effects with the values of their parameters, whole or not at all.
+    """Write effects with the values of their parameters atomically.
 
     Args:
         path: the file.

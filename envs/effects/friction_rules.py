@@ -139,7 +139,7 @@ class StribeckFriction(_RuledFriction):
     no_mjcf = "MJCF has no friction that depends on the speed"
     sizes = Sizes("add", "stall", 2e-3, 0.3)
     shared = True
-    symptom = "stick-slip: slow motions are jerky, but fast motions are smooth"
+    symptom = "slow motions are jerky (stick-slip), but fast motions are smooth"
     source = (
         "Armstrong-Hélouvry 1991; Kcs exp(-|w/ws|^a), as in Rhoban's BAM (arXiv 2410.08650) M2;"
         " bristles: Canudas de Wit, Olsson, Åström, Lischinsky 1995, in linearly implicit steps"
@@ -227,7 +227,7 @@ class LoadDependentFriction(_RuledFriction):
     sizes = Sizes("add", "one", 5e-3, 0.6)
     shared = True
     symptom = (
-        "friction that grows with the load: wide hysteresis where gravity pulls, little"
+        "friction that grows with the load, with wide hysteresis where gravity pulls and little"
         " where it does not"
     )
     source = (

@@ -28,8 +28,8 @@ class HystereticCompliance(SeriesEffect):
     """A spring between motor and link with dry friction parallel to it.
 
     Loading and unloading differ: a cycle dissipates 4 * `friction` * amplitude at any speed.
-    `side` is the location of the servo's encoder, `encoder` that of the logged encoder if it
-    differs.
+    `side` is the location of the servo's encoder. `encoder` is the location of the logged encoder,
+    if they differ.
     """
 
     name = "hysteretic_compliance"

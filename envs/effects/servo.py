@@ -309,8 +309,8 @@ class DeadZone(ActuatorEffect):
     sizes = Sizes("add", "one", 3e-3, 0.12)
     symptom = "the servo stops a fixed angle short, whatever the gain, and its PWM is zero there"
     source = (
-        "u = 0 if |e| < d, else kp (e - (1 - punch) d sign(e)); an XL430 stops 4 to 5 counts short "
-        "(answers.ros.org 303081); compliance margin and punch in the AX-12's manual"
+        "u = 0 if |e| < d, else kp (e - (1 - punch) d sign(e)); compliance margin and punch in the"
+        " AX-12's manual. An XL430 stops 4 to 5 counts short (answers.ros.org 303081)"
     )
     experiment = "very slow ramps without load, at two gains"
     limits = (0.0, np.inf)

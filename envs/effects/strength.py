@@ -69,7 +69,7 @@ class MotorStrength(ActuatorEffect):
     comparable = True
     factors = (0.5, 0.75, 0.94, 0.98, 1.02, 1.06, 1.3, 1.8)  # a few per cent shift a whole motion
     sizes = Sizes("factor", "one", 0.02, 0.8)
-    symptom = "everything is weaker or stronger: static sag, acceleration and the largest torque"
+    symptom = "static sag, acceleration and largest torque are all too small or too large"
     source = "kt -> (1 + e) kt; identified motor constants differ by 12 to 42 % from data sheets"
     experiment = "the largest torque against a stop or a weight, compared with steps without load"
     group = PLAIN

@@ -287,8 +287,8 @@ class _Play(Series):
 class Backlash(SeriesEffect):
     """Play: the link moves freely within ± value / 2 of the motor's angle.
 
-    `side` is the location of the servo's encoder, `encoder` that of the logged encoder if it
-    differs.
+    `side` is the location of the servo's encoder. `encoder` is the location of the logged encoder,
+    if they differ.
     """
 
     name = "backlash"
@@ -348,8 +348,8 @@ class Spring(Series):
 class JointCompliance(SeriesEffect):
     """A spring between motor and link: deflection = torque * value.
 
-    `side` is the location of the servo's encoder, `encoder` that of the logged encoder if it
-    differs. Springs that are too stiff for the time step act as the stiffest possible one.
+    `side` is the location of the servo's encoder. `encoder` is the location of the logged encoder,
+    if they differ. Springs too stiff for the time step act as the stiffest possible spring.
     """
 
     name = "joint_compliance"

@@ -285,8 +285,8 @@ class ThermalDerating(ActuatorEffect):
     sizes = Sizes("add", "heating", 1e-3, 100.0)
     symptom = "errors that grow over minutes of heavy load and disappear after a pause"
     source = (
-        "the integral of I²R heats the winding: its resistance rises, and firmware lowers its"
-        " limits; tests of 2 minutes warmed an XL330 from 27 to 40 °C"
+        "the integral of I²R heats the winding. Its resistance rises, and firmware lowers its"
+        " limits. Tests of 2 minutes warmed an XL330 from 27 to 40 °C"
     )
     experiment = (
         "the same loaded motion before and after a minute of heavy load; log the temperature"

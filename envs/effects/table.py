@@ -31,7 +31,7 @@ plant = Plant(spec, fixed=load_effects("effects.yaml"))             # as a diagn
   `hip_*`. Without it, one value holds for all driven joints or actuators.
 * **how** is `add`, `scale` or `set`; the first one listed is the default.
 * **Neutral** values (adding 0, scaling by 1, setting the model's value) do not change a single bit
-  of a simulation; `backlash` and `joint_compliance`, which add a joint, change it by rounding
+  of a simulation. `backlash` and `joint_compliance` add a joint, which changes it by rounding
   errors.
 * **Extras** are constants, or parameters if listed in `free`.
 * **Several effects** at one location apply in the order given, fixed ones first.

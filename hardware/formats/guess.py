@@ -67,7 +67,7 @@ STATE = "sensor_msgs/msg/JointState"
 
 
 def write_guess(log: Path, path: Path) -> Path:
-    """Write a mapping for a log, whole or not at all, and return its path.
+    """Write a mapping for a log atomically, and return its path.
 
     Args:
         log: a CSV, Parquet, HDF5 or Zarr file, an MCAP file or a rosbag2 folder.

@@ -66,7 +66,7 @@ def column_names(path: Path) -> list[str]:
 
 
 def write(path: Path, columns: Mapping[str, np.ndarray], meta: dict[str, Any]) -> None:
-    """Write the columns and, in the schema, the metadata: whole or not at all.
+    """Write the columns and, in the schema, the metadata atomically.
 
     Raises:
         LogError: pyarrow is missing.

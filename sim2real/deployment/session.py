@@ -151,7 +151,7 @@ class Deployment:
 
 
 def save(path: Path, deployment: Deployment) -> None:
-    """Write where a deployment is, whole or not at all."""
+    """Write the progress of a deployment atomically."""
     with atomic_write(path) as temporary, temporary.open("wb") as file:
         np.savez(file, allow_pickle=False, **deployment.state_dict())
 

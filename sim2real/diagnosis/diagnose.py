@@ -76,7 +76,7 @@ def diagnose(
             the rest of its interface.
         load_player: runs that policy in its simulator, such as
             `sim2real.loops.player.load_player`; None omits the closed loop.
-        actor: the policy that ran during the recording; None: that named by the logs, if any.
+        actor: the policy that ran during the recording; None: the one that the logs name.
 
     Returns:
         The report; `report.evidence` contains the data of its plots.

@@ -85,7 +85,7 @@ class JointGap:
     share: float  # fraction of the gap at this joint
     before: float  # RMS error with the model as given [rad or m]
     after: float | None = None  # RMS error with the causes in the model; None if there are none
-    regimes: tuple[Regime, ...] = ()  # regimes whose fraction of the gap exceeds that of the time
+    regimes: tuple[Regime, ...] = ()  # regimes with more of the gap than of the time
 
 
 @dataclass(frozen=True)
@@ -286,12 +286,12 @@ class Report:
         return _read(Report, {key: value for key, value in tree.items() if key != "schema"})
 
     def write(self, path: str | Path) -> Path:
-        """Write report.json, whole or not at all; return its path."""
+        """Write report.json atomically; return its path."""
         text = json.dumps(self.to_json(), indent=1, ensure_ascii=False, allow_nan=False)
         return write_text(path, text + "\n")
 
     def save_html(self, path: str | Path) -> Path:
-        """Write the HTML page, whole or not at all; return its path."""
+        """Write the HTML page atomically; return its path."""
         return _page().write_html(path, self)
 
     def save_comparison(self, path: str | Path, earlier: Report) -> Path:

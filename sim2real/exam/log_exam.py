@@ -7,7 +7,7 @@ The robots are emulated ones; in some of them an effect is hidden as well. Rules
 
 * A mistake is named if a cause of kind `log`, or an equivalent of it, has its kind and its place,
   and a size within `NEAR`. Of a mistake in all joints, the robot or any joint is its place.
-* An answer is wrong for good if it is called `explained` and no cause is a mistake of the log: the
+* An answer is wrong for good if it is called `explained` and no cause is a mistake in the log: the
   robot is then blamed for what was written.
 * A hidden effect is found if a cause of kind `robot` has its name and place.
 """
@@ -58,7 +58,7 @@ class LogMark:
     hidden: str  # the effect that is hidden as well, "" for none
     answer: str  # verdict and causes in words
     named: bool  # whether the mistake is named
-    blamed: bool  # whether the robot is: called `explained` without a mistake of the log
+    blamed: bool  # whether the robot is: called `explained` without a mistake in the log
     found: bool | None  # whether the effect is named; None where there is none
     seconds: float | None  # the duration of the diagnosis; None if it failed
 

@@ -46,7 +46,7 @@ JUMPS = (0.3, 0.7)  # shares of the log after which a reading jumps
 
 @dataclass(frozen=True)
 class Mistake:
-    """One mistake of a log."""
+    """One mistake in a log."""
 
     kind: str  # one of `KINDS`
     columns: tuple[str, ...]  # kinds of columns that have it: `ctrl`, `qpos`, both, or `time`

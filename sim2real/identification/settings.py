@@ -19,7 +19,7 @@ class Settings:
         "convention: design, section 10",
     )
     held_every: int = setting(
-        4, "1", "one in this many episodes (or stretches) is held out", JUDGED
+        4, "1", "number of episodes (or stretches), of which one is held out", JUDGED
     )
     held_episodes: int = setting(
         4,

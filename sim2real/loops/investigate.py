@@ -90,7 +90,7 @@ class Investigation:
     report: Report  # the last diagnosis
 
     def write(self, out: Path) -> None:
-        """Write investigate.json and the table of rounds, whole or not at all."""
+        """Write investigate.json and the table of rounds atomically."""
         tree = {"schema": 1, **asdict(replace(self, report=None))}  # type: ignore[arg-type]
         del tree["report"]
         write_text(out / "investigate.json", json.dumps(tree, indent=1, allow_nan=False) + "\n")

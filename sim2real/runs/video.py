@@ -92,7 +92,7 @@ class Camera:
 
 
 def write_mp4(path: Path, frames: np.ndarray, fps: int) -> None:
-    """Write pictures (n, height, width, 3) uint8 of even size as H.264, whole or not at all.
+    """Write pictures (n, height, width, 3) uint8 of even size as H.264, atomically.
 
     Raises:
         RenderError: without an encoder, or when it fails.

@@ -34,8 +34,8 @@ def run(
     """Compare recordings of a robot, or of several.
 
     Args:
-        before: logs of the robot as it was: a log, a folder, or a list of these.
-        after: logs of the robot as it is.
+        before: first set of logs: a log, a folder, or a list of these.
+        after: second set of logs.
         units: of a fleet, in place of the two: a log or folder for each robot.
         ci: a robot_ci.yaml (docs/how-to/compare_recordings.md), which gives `before` and all others
             but `after`; other arguments take precedence.
@@ -43,7 +43,7 @@ def run(
         effects: an effects.yaml of what the robot had before; None fits what both sides share.
         watch: names of effects that may change; empty for the usual ones.
         limits: by effect, how much of a change passes, in its unit.
-        remounted: whether the robot may have been remounted in between.
+        remounted: whether the robot may have been remounted between the recordings.
         seed: of the permutations.
         out: the run's folder; gets compare.json and compare.html.
 

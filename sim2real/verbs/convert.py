@@ -1,4 +1,4 @@
-"""The verb `convert`: logs of other tools as this project's own."""
+"""The verb `convert`: logs from other tools as this project's own."""
 
 import logging
 from collections.abc import Sequence

@@ -79,7 +79,7 @@ def run(
         calibration: zeros, signs and limits as `python -m hardware calibrate` wrote them.
         arm: whether a real robot may move.
         rounds: trainings at most.
-        tolerance: part of the simulator's return that counts as nothing.
+        tolerance: relative difference below which returns count as equal.
         trials: episodes of each policy on the robot, at least 2.
         settle: how long the start is held before each episode [s].
         stops: when the guard stops the robot, where it differs from `hardware.safety.StopLimits`.

@@ -7,7 +7,7 @@ The recorded commands go into the model, and the positions that come out are com
 measured ones, each at the moment when it was read (`stamp.<joint>`, where the log has it). The
 time that the robot's bus takes (`command_delay` in the log's metadata) is part of the model.
 `effects` puts known effects into the simulator first: the difference of the two gaps is what they
-explain. What preflight finds is said before, and so are mistakes of the log that explain the gap by
+explain. What preflight finds is said before, and so are mistakes in the log that explain the gap by
 themselves: they make a gap that no robot has. What cannot be compared at all is refused: positions
 where the model takes torques, a base that moves freely and of which neither pose nor IMU was
 logged.
@@ -82,11 +82,11 @@ def _check(log: Log, spec: mujoco.MjSpec) -> None:
 
 
 def _look_for_mistakes(logs: Sequence[Log], model: str | None, fixed: Sequence[Fixed]) -> None:
-    """Warn of mistakes of a log that explain the gap by themselves."""
+    """Warn of mistakes in a log that explain the gap by themselves."""
     try:
         remedies = find_mistakes(Data.of(logs, model), fixed)
     except Sim2RealError as error:
-        log_.info("mistakes of the log were not looked for: %s", error)
+        log_.info("mistakes in the log were not looked for: %s", error)
         return
     for remedy in remedies:
         log_.warning("the log looks wrong, and right with this: %s", remedy)

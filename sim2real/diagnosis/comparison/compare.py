@@ -55,13 +55,13 @@ def compare(
     """Test whether a robot has changed, and in which effects.
 
     Args:
-        before: logs of the robot as it was: a path, a folder, logs, or a list of these.
-        after: logs of the robot as it is.
+        before: first set of logs: a path, a folder, logs, or a list of these.
+        after: second set of logs.
         model: an MJCF for all logs; None: the model that each log names.
         effects: an effects.yaml of the robot's earlier effects, put into the model first.
-        watch: names of effects that may change; None: those of the settings.
+        watch: names of effects that may change; None: the effects of the setting `watched`.
         limits: largest acceptable change by effect, in its unit.
-        remounted: whether the robot may have been remounted in between.
+        remounted: whether the robot may have been remounted between the recordings.
         seed: seed of the permutations.
         settings: every number that influences the answer.
 

@@ -5,7 +5,7 @@
 
 A window is a piece of an episode, replayed from the measured state at its start; its first moments
 are simulated and not compared (`warm_s`), so that neither a rough start velocity nor a command on
-its way counts. Windows start where the robot is calm.
+its way counts. Windows start at moments of little motion.
 """
 
 from __future__ import annotations

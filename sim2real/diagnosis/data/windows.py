@@ -2,8 +2,8 @@
 
     windows = cut(logs, which, models, joints)
 
-Windows are about evenly long and start where the robot is calm. Where servos pull errors back they
-last seconds and have a warm-up; where a whole state is logged and nothing does, they are short.
+Windows are about evenly long and start at moments of little motion. If servos correct errors,
+windows last seconds and have a warm-up; if not, and the whole state is logged, they are short.
 """
 
 from collections.abc import Sequence
@@ -196,7 +196,7 @@ def _even(part: Log, pieces: int) -> np.ndarray:
 
 
 def _cuts(part: Log, joints: Sequence[Joint], pieces: int, settings: Windows) -> np.ndarray:
-    """Return the rows at which windows begin, and the end: about evenly, at calm moments."""
+    """Return the rows at which windows begin, about evenly and at little motion, and the end."""
     time, even = part.time, _even(part, pieces)
     if pieces == 1:
         return even

@@ -3,7 +3,7 @@
     findings = check_duties(pairs)
 
 The register tells without a simulation which gain the firmware applies. Columns that contradict
-each other in it (a sign, a unit, a zero) are mistakes of the log, which the diagnosis names.
+each other in it (a sign, a unit, a zero) are mistakes in the log, which the diagnosis names.
 """
 
 from collections.abc import Iterator

@@ -22,7 +22,7 @@ Key = tuple[str, str | None, str | None]
 
 
 def write_comparison(path: str | Path, earlier: Report, later: Report) -> Path:
-    """Write the page, whole or not at all; return its path."""
+    """Write the page atomically; return its path."""
     return write_text(path, render(earlier, later))
 
 

@@ -46,7 +46,7 @@ FRAME = 900  # px: height of a page in a notebook
 
 
 def write_html(path: str | Path, report: Report) -> Path:
-    """Write the page, whole or not at all; return its path.
+    """Write the page atomically; return its path.
 
     A report that was read from report.json has no evidence, and fewer plots.
     """

@@ -22,7 +22,7 @@ from sim2real.runs.files import write_text
 
 
 def write(spec: mujoco.MjSpec, effects: Sequence[Fixed], path: str | Path) -> dict[str, str]:
-    """Write the model with the effects, whole or not at all.
+    """Write the model with the effects atomically.
 
     Args:
         spec: the model as given; it is copied, not changed.

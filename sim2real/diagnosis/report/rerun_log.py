@@ -27,7 +27,7 @@ TIMELINE = "time"
 
 
 def write_rerun(path: str | Path, gaps: Mapping[str, Sequence[Gap]], spec: mujoco.MjSpec) -> Path:
-    """Write a recording, whole or not at all; return its path.
+    """Write a recording atomically; return its path.
 
     Args:
         path: an .rrd file.

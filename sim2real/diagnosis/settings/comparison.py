@@ -71,7 +71,7 @@ class Compared:
     doubt: float = setting(
         0.5,
         "1",
-        "smallest response of a reported change, relative to that of other differences",
+        "smallest response of a reported change, relative to the response to other differences",
         "measured: of 12 pairs with 15 % more friction at one joint the smallest had 1.1",
     )
     excused_rounds: int = setting(

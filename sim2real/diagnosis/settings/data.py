@@ -37,7 +37,7 @@ class Windows:
         0.8, "s", "shortest window if every joint has a position servo", DEVELOPED
     )
     windows_usual: int = setting(
-        12, "1", "intended number of windows; there are more if these would be too long", DEVELOPED
+        12, "1", "intended number of windows; more if they would exceed `longest_s`", DEVELOPED
     )
     windows_max: int = setting(
         40, "1", "number of windows above which slow motions get windows beyond `longest_s`", COST
@@ -49,7 +49,10 @@ class Windows:
         DEVELOPED,
     )
     unsure_s: float = setting(
-        0.7, "s", "the same if, in addition, no speed is logged and the base is fixed", DEVELOPED
+        0.7,
+        "s",
+        "length of such a window if no speed is logged and the base is fixed",
+        DEVELOPED,
     )
     slowest_s: float = setting(12.0, "s", "longest window of slow motions", DEVELOPED)
     turn: float = setting(
@@ -58,14 +61,14 @@ class Windows:
     kick_s: float = setting(
         0.3,
         "s",
-        "time that is not compared after a servo is switched on, because logs lack the exact "
-        "moment; time after a change of direction that counts as a reversal",
+        "time after a servo is switched on that is not compared (logs lack the exact moment), and "
+        "time after a change of direction that belongs to the reversal",
         DEVELOPED,
     )
     reach: float = setting(
         0.25,
         "1",
-        "largest shift of a window's start to a calm moment, relative to the window",
+        "largest shift of a window's start to a moment of little motion, relative to the window",
         JUDGED,
     )
 
@@ -111,7 +114,7 @@ class Regimes:
         0.1, "1", "fraction of the largest gravity load below which a joint is unloaded", JUDGED
     )
     rare: float = setting(
-        0.98, "1", "quantile used as the maximum; half of it divides small from large", JUDGED
+        0.98, "1", "quantile used as the maximum; small values are below half of it", JUDGED
     )
     poses_max: int = setting(
         2000, "1", "approximate number of poses at which the gravity load is computed", COST

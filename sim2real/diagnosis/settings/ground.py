@@ -70,8 +70,8 @@ class Ground:
     speed_doubt: float = setting(
         0.05,
         "rad/s",
-        "smallest standard deviation of a joint's speed; also that of the base's angular "
-        "velocity from an IMU",
+        "smallest standard deviation of a joint's speed, and standard deviation of the base's "
+        "angular velocity from an IMU",
         JUDGED,
     )
     walk_doubt: tuple[float, float] = setting(
@@ -113,7 +113,7 @@ class Ground:
         0.1,
         "1",
         "smallest reported scale error of a gyro and fraction of slipping contact; largest "
-        "fraction of windows that can be pushed",
+        "fraction of windows that may count as pushed",
         JUDGED,
     )
     step_max: float = setting(

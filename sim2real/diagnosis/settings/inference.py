@@ -125,8 +125,8 @@ class Inference:
     equivalence_tolerance: float = setting(
         0.15,
         "1",
-        "largest gain of a free discrepancy over one of at most an encoder count, in nats "
-        "per reading, if the gap is explained",
+        "largest gain, in nats per reading, of a free discrepancy over a discrepancy of at most "
+        "one encoder count, if the gap is explained",
         JUDGED,
     )
     most: float = setting(
@@ -175,7 +175,7 @@ class Cogging:
     )
     readings: float = setting(1.5, "1", "shortest half of a ripple, in encoder counts", JUDGED)
     counts_probed: int = setting(
-        3, "1", "number of best-fitting numbers of ripples that are simulated", COST
+        3, "1", "number of best-fitting candidates that are simulated", COST
     )
     sizes: tuple[float, ...] = setting(
         (1.0, 2.5),

@@ -168,7 +168,7 @@ class Obstruction:
     rest_s: float = setting(
         0.1,
         "s",
-        "time before and after a row in which a resting joint keeps still; an obstruction "
+        "time before and after a row for which an obstructed joint is at rest; an obstruction "
         "lasts at least twice as long",
         DEVELOPED,
     )
@@ -198,8 +198,8 @@ class Hunting:
     swings: int = setting(
         8,
         "1",
-        "smallest number of consecutive swings; meanwhile the joint's command may reverse a "
-        "quarter as often, other joints' commands half as often",
+        "smallest number of consecutive swings. The joint's command may reverse at most a quarter "
+        "as often, other joints' commands half as often",
         DEVELOPED,
     )
     even: float = setting(
@@ -211,8 +211,8 @@ class Hunting:
     asked: float = setting(
         0.1,
         "1",
-        "smallest reversal that counts: of the joint's command, relative to the swings; of other "
-        "commands and in fast oscillations, relative to the range of motion",
+        "smallest reversal of a command that counts, relative to the joint's swings; for other "
+        "joints' commands and fast oscillations, relative to the range of motion",
         DEVELOPED,
     )
     faster_s: tuple[float, ...] = setting(
@@ -224,7 +224,7 @@ class Hunting:
     calm_s: float = setting(
         0.3,
         "s",
-        "time after the last swing that is excluded; also the calm time that must follow "
-        "before another hunt counts as new",
+        "time after the last swing that is excluded; also the shortest pause between two "
+        "separate oscillations",
         JUDGED,
     )

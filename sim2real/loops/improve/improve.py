@@ -64,7 +64,7 @@ class Plan:
     """The limits of a loop."""
 
     rounds: int  # trainings at most
-    tolerance: float  # part of the simulator's return that counts as nothing
+    tolerance: float  # relative difference below which returns count as equal
     rollouts: int  # episodes on each robot that price the causes
     # recordings to start from, in place of the first deployment and recording
     logs: Sequence[Log] = ()

@@ -82,7 +82,7 @@ class Round:
 class ImprovementHistory:
     """The rounds so far."""
 
-    tolerance: float  # part of the simulator's return that counts as nothing
+    tolerance: float  # relative difference below which returns count as equal
     seed: int  # of the intervals' resamples
     rounds: list[Round] = field(default_factory=list)
 
