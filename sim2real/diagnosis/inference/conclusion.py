@@ -243,7 +243,7 @@ def _cause(
 
 
 def _remedy(member: Member, values: np.ndarray) -> str | None:
-    """Return how to mend the log, where the member is a mistake of it."""
+    """Return how to mend the log if the member is a mistake in it."""
     if isinstance(member, LogChange) and member.robot is None:
         return member.mending(values)
     return None

@@ -97,7 +97,7 @@ class Fitter:
 
         Args:
             starts: hypotheses, and where each begins.
-            rounds: steps at most; None: those of the settings.
+            rounds: largest number of steps; None: that of the settings.
         """
         states = self._begin(starts)
         rounds = self.settings.rounds if rounds is None else rounds

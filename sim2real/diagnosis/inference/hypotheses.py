@@ -100,7 +100,7 @@ class Hypothesis:
 
     @property
     def burden(self) -> tuple[int, int]:
-        """Its free values, and mistakes of the log: the less, the simpler."""
+        """The numbers of its free values and of its mistakes in the log; fewer are simpler."""
         return int(self.smooth.sum()), sum(get_kind(member) == "log" for member in self.members)
 
     @property

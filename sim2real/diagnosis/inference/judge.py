@@ -79,7 +79,7 @@ class Judgement:
 
 
 class Left(NamedTuple):
-    """What a free discrepancy gains over one of at most a count."""
+    """What a discrepancy of any size gains over one of at most an encoder count."""
 
     gain: Gain  # nats a reading, but for a few windows: contact and sticking make errors jump
     whole: float  # upper bound with those windows
@@ -219,7 +219,7 @@ class Judge:
         """Return the best, or one of fewer free values that is not significantly worse.
 
         A whole number, such as of rows or turns, is not free to follow anything. Then those without
-        mistakes of the log go first: what is equivalent to an effect of the robot is called one.
+        mistakes in the log go first: what is equivalent to an effect of the robot is called one.
         """
         top = max(fits, key=lambda fit: fit.total - self.price(fit.hypothesis) * self.rows)
         near = [f for f in fits if f is top or self.bootstrap.gain(top.score - f.score).low <= 0]

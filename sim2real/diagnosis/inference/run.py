@@ -95,10 +95,10 @@ def _judge(
 
 
 def find_mistakes(data: Data, fixed: Sequence[Fixed] = ()) -> list[str]:
-    """Return what to mend in a log: mistakes of it alone that explain the gap.
+    """Return what to mend in a log whose own mistakes explain the gap.
 
     It is a first look, at part of the windows. A robot that differs from its model is seldom
-    explained by a mistake of the log, and what mistakes explain in part may be the robot's: it is
+    explained by a mistake in the log, and what mistakes explain in part may be the robot's: it is
     left to a diagnosis.
 
     Args:
