@@ -19,7 +19,7 @@ from sim2real.runs.tables import Table
 
 RESULTS = Path(__file__).parent / "results"
 EXAMS = {  # by title: robots that MuJoCo moves, and robots that Drake moves
-    "Release 0.2.0": (("blindcheck_2054.csv", "blindcheck_2055.csv"), ("thirdparty_58.csv",)),
+    "Release 0.2.0": (("blindcheck_2054.csv",), ("thirdparty_58.csv",)),
     "Versions before it": (
         ("blindcheck_2049.csv", "blindcheck_2051.csv", "blindcheck_2053.csv"),
         ("thirdparty_55.csv", "thirdparty_56.csv", "thirdparty_57.csv"),
