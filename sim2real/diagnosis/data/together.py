@@ -11,6 +11,7 @@ Where processes cannot be forked (not on Linux), and in one that was, all tasks 
 that waits takes no task itself.
 """
 
+import contextlib
 import gc
 import os
 import signal
@@ -25,6 +26,7 @@ MOST = 256  # tasks of a call that are shared: a task's number is a byte, which 
 
 _forked = False  # whether this process is a helper
 _sharing = False  # whether helpers are at work
+_ended: list[int] = []  # helpers that have answered, and give their memory back by themselves
 
 
 def cores() -> int:
@@ -53,6 +55,7 @@ def together(tasks: Sequence[Callable[[], T]], hands: int = 0) -> list[T]:
     count = min(hands or cores(), len(tasks))
     if count < 2 or not is_free() or len(tasks) > MOST:
         return [task() for task in tasks]
+    _reap()
     numbers, queue = os.pipe()
     os.write(queue, bytes(range(len(tasks))))
     os.close(queue)
@@ -125,4 +128,11 @@ def _receive(child: int, answer: Connection) -> Any:
         return {}
     finally:
         answer.close()
-        os.waitpid(child, 0)
+        _ended.append(child)
+
+
+def _reap() -> None:
+    """Collect helpers that have ended; what a fork of this process inherits is not its own."""
+    while _ended:
+        with contextlib.suppress(ChildProcessError):
+            os.waitpid(_ended.pop(), 0)

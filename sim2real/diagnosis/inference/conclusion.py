@@ -15,7 +15,7 @@ from sim2real.diagnosis.inference.baseline import Baseline
 from sim2real.diagnosis.inference.candidates import Candidate
 from sim2real.diagnosis.inference.distance import compute_separation, is_told_apart
 from sim2real.diagnosis.inference.fit import Fit
-from sim2real.diagnosis.inference.hypotheses import Member, get_effect, get_kind
+from sim2real.diagnosis.inference.hypotheses import Member, get_effect, get_kind, get_place
 from sim2real.diagnosis.inference.intervals import compute_intervals
 from sim2real.diagnosis.inference.judge import Judgement
 from sim2real.diagnosis.inference.log_change import LogChange
@@ -199,7 +199,7 @@ def _equivalent(judgement: Judgement, member: Member, fit: Fit) -> Equivalent:
     """Return what is equivalent to a member; inseparable where all predictions are the same."""
     best, gained = judgement.best, judgement.best.total - judgement.given.total
     same = compute_separation(judgement.judge.fitter, best, fit) < SAME * gained
-    return Equivalent(_name(member), _where(member), same, kind=get_kind(member))
+    return Equivalent(_name(member), get_place(member), same, kind=get_kind(member))
 
 
 def _cause(
@@ -220,13 +220,13 @@ def _cause(
     )
     values, spans = best.mean[column], ends[column]
     equal = tuple(dict.fromkeys(_equivalent(judgement, other, fit) for other, fit in alike))
-    equal = tuple(e for e in equal if (e.effect, e.where) != (_name(member), _where(member)))
+    equal = tuple(e for e in equal if (e.effect, e.where) != (_name(member), get_place(member)))
     extra = _extra(member, values)
     most = _largest(member, values)
     value = member.first(values) if isinstance(member, LogChange) else float(values[most])
     return Cause(
         _name(member),
-        _where(member),
+        get_place(member),
         member.effect.side if isinstance(member, Candidate) else None,
         value,
         (float(spans[most, 0]), float(spans[most, 1])) if len(values) else (value, value),
@@ -251,10 +251,6 @@ def _remedy(member: Member, values: np.ndarray) -> str | None:
 
 def _name(member: Member) -> str:
     return member.name if isinstance(member, Candidate) else member.effect
-
-
-def _where(member: Member) -> str | None:
-    return member.place if isinstance(member, Candidate) else member.where
 
 
 def _largest(member: Member, values: np.ndarray) -> int:
@@ -306,6 +302,6 @@ def _singles(judgement: Judgement, baseline: Baseline) -> tuple[SingleFit, ...]:
             value = member.first(fit.mean) if change else float(fit.mean[0])
             side = member.effect.side if isinstance(member, Candidate) else None
             unit = member.effect.unit if isinstance(member, Candidate) else member.unit
-            about = (_name(member), _where(member), side, value, unit)
+            about = (_name(member), get_place(member), side, value, unit)
             rows.append(SingleFit(*about, min(closed, 1.0), ci))
     return tuple(rows)

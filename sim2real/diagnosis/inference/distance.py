@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 
 from sim2real.diagnosis.inference.fit import Fit, Fitter
+from sim2real.diagnosis.inference.hypotheses import Hypothesis, get_kind, get_place
 from sim2real.diagnosis.inference.products import HALF
 from sim2real.diagnosis.inference.score import Bootstrap
 
@@ -61,6 +62,20 @@ def stands_alone(fitter: Fitter, bootstrap: Bootstrap, best: Fit, others: Sequen
     rivals = [one for one in rivals if not is_told_apart(fitter, bootstrap, best, one)]
     alike = own.union(*(_labels(one) for one in rivals if len(_labels(one) - own) < APART))
     return all(len(_labels(one) - alike) < APART for one in rivals)
+
+
+def share_joint(hypothesis: Hypothesis, joints: int) -> bool:
+    """Return whether two effects are at one joint of a robot that has others.
+
+    Independent causes seldom meet there, while a law that is missing is imitated where it acts.
+
+    Args:
+        hypothesis: the explanation.
+        joints: how many the robot has.
+    """
+    places = [get_place(m) for m in hypothesis.members if get_kind(m) == "robot"]
+    own = [place for place in places if place is not None]
+    return joints > 1 and len(own) > len(set(own))
 
 
 def _labels(fit: Fit) -> set[str]:

@@ -38,6 +38,11 @@ def get_effect(member: Member) -> Effect | None:
     return effect if effect is not None and effect.name in EFFECTS else None
 
 
+def get_place(member: Member) -> str | None:
+    """Return the joint or body that a member changes; None where it is all of them, or none."""
+    return member.place if isinstance(member, Candidate) else member.where
+
+
 def get_joints(member: Member) -> set[str]:
     """Return the joints whose motion or log a member changes; none where it is all of them."""
     if isinstance(member, LogChange):

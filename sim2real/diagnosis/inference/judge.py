@@ -28,7 +28,7 @@ from sim2real.diagnosis.inference.decision import (
     compute_price,
     decide_verdict,
 )
-from sim2real.diagnosis.inference.distance import stands_alone
+from sim2real.diagnosis.inference.distance import is_told_apart, share_joint, stands_alone
 from sim2real.diagnosis.inference.episodes import follows_episodes
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.glance import NONE
@@ -288,22 +288,29 @@ class Judge:
             bool(inside[:, best.hypothesis.smooth].all()),
             follows_episodes(self.data, best, *self._rest),
             self._closes(best),
-            stands_alone(self.fitter, self.bootstrap, best, list(tried.values())),
+            not share_joint(best.hypothesis, len(self.data.joints))
+            and stands_alone(self.fitter, self.bootstrap, best, list(tried.values())),
         )
         return decide_verdict(standing, self.settings)
 
     def _refit(
         self, best: Fit, tried: dict[str, Fit], again: bool = True
     ) -> tuple[Fit, dict[str, Fit]]:
-        """Return the best and its nearest rivals, fitted where the answer is the model."""
+        """Return the best and its nearest rivals, fitted where the answer is the model.
+
+        Rivals that these windows tell from the best are judged there, with the values they have.
+        """
         most, others = len(best.hypothesis.members), [f for f in tried.values() if f is not best]
         others = [f for f in others if 0 < len(f.hypothesis.members) <= most]
         others.sort(key=lambda fit: -fit.total)
         finalists = [best, *others[: self.settings.rivals]]
         finalists += [f for f in others if is_part(f.hypothesis, best.hypothesis)]
         finalists = pick_distinct(finalists, len(finalists))
+        apart = [is_told_apart(self.fitter, self.bootstrap, best, one) for one in finalists]
+        starts = list(zip(map(restart, finalists), apart, strict=True))
         self._look(best.hypothesis, best.values)
-        fits = self.fitter.fit(map(restart, finalists))
+        fits = self.fitter.fit(start for start, far in starts if not far)
+        fits += self.fitter.fit((start for start, far in starts if far), rounds=0)
         refitted = {fit.label: self._judge_apart(fit, best) for fit in [self.given, *fits]}
         found = self._prune(refitted, self.fitter)
         if found.hypothesis.mended == best.hypothesis.mended:

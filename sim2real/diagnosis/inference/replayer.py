@@ -239,12 +239,16 @@ class Replayer:
         if self.finer is not None and hypothesis.adds_structure:
             return self.finer.starts(hypothesis, values)
         (base,) = self._replay([Job(hypothesis, values, self.every)])
-        count = len(self.noise)
-        ways = np.empty((*base.error.shape, 2 * count))
-        for way in range(2 * count):
-            of_speed, joint = divmod(way, count)
-            moved = self._moved(hypothesis, values, bool(of_speed), joint)
-            ways[..., way] = moved - base.error
+        ways = np.empty((*base.error.shape, 2 * len(self.noise)))
+        for ask in self._asks(0, Job(hypothesis, values, self.every)):
+            simulator, count = self._moved(ask), len(ask.windows)
+            rows = [
+                Rows(hypothesis.effects, np.arange(count) + way * count, ask.values)
+                for way in range(ways.shape[-1])
+            ]
+            for way, made in enumerate(simulate_each(simulator, rows)):
+                error = self._look(made.error, ask.windows) * ask.scale
+                ways[ask.rows, ..., way] = error + self.offset[ask.windows] - base.error[ask.rows]
         return ways
 
     def usual(self, hypothesis: Hypothesis, values: np.ndarray) -> np.ndarray:
@@ -308,24 +312,19 @@ class Replayer:
             found[number] = (path - measured[number]) / data.scale
         return np.where(self.used[..., None], found, 0.0)
 
-    def _moved(
-        self, hypothesis: Hypothesis, values: np.ndarray, of_speed: bool, joint: int
-    ) -> np.ndarray:
-        """Return the errors of windows that start with one joint off, (W, N, M)."""
-        found = np.empty((*self.used.shape, len(self.noise)))
-        noise = self.speed_noise if of_speed else np.tile(self.noise, (len(self.every), 1))
-        shift = _speeded if of_speed else further
-        for ask in self._asks(0, Job(hypothesis, values, self.every)):
-            data = (_stacked(self, [ask.log]) if ask.log else self.plain).data
-            sizes = (noise * self.data.scale / ask.scale)[:, joint]
-            pairs = zip(data.windows, np.resize(sizes, len(data.windows)), strict=True)
-            windows = [shift(data, window, joint, float(size)) for window, size in pairs]
-            other = self.plain.of(replace(data, windows=tuple(windows)))
-            rows = [Rows(hypothesis.effects, ask.windows, ask.values)]
-            (made,) = simulate_each(other, rows)
-            error = self._look(made.error, ask.windows) * ask.scale
-            found[ask.rows] = error + self.offset[ask.windows]
-        return found
+    def _moved(self, ask: _Ask) -> Simulator:
+        """Return a simulator of the windows asked for, with each start off: one set a start."""
+        data = (_stacked(self, [ask.log]) if ask.log else self.plain).data
+        some, moved = data.only(ask.windows), []
+        noise = np.broadcast_to(self.noise, self.speed_noise.shape)
+        for shift, sizes in ((further, noise), (_speeded, self.speed_noise)):
+            sizes = (sizes * self.data.scale / ask.scale)[ask.windows]
+            for joint in range(len(self.noise)):
+                pairs = zip(some.windows, sizes[:, joint], strict=True)
+                moved += [shift(data, window, joint, float(size)) for window, size in pairs]
+        sets = 2 * len(self.noise)
+        mask, measured = np.tile(some.mask, (sets, 1)), np.tile(some.measured, (sets, 1, 1))
+        return self.plain.of(replace(some, windows=tuple(moved), mask=mask, measured=measured))
 
     def _mend(self, hypothesis: Hypothesis, values: np.ndarray) -> _Mended:
         """Return the windows of mended logs."""

@@ -19,7 +19,7 @@ PLACES, MOST = 7, 1e6  # decimals, and the size, beyond which a number has an ex
 HALF, TENTH = 0.005, 0.0005  # shares that round to a percent, and to a tenth of one
 NOISE = 2.0  # floors that noise accounts for
 SINGLY = 4  # causes that a sentence names with their places
-CROWD = 3  # causes at one joint that may stand for a missing law: benchmarks/notebook/exam.md
+CROWD = 2  # causes at one joint that may stand for a missing law: benchmarks/notebook/exam.md
 EVERYWHERE = "all joints alike"
 SUBTITLES = {
     "explained": "Explained",

@@ -76,19 +76,19 @@ def test_a_log_that_contradicts_itself_makes_no_effects(tmp_path, found, check, 
     assert (tmp_path / "report.html").is_file()
     words = final_message(report)
     assert "What is left is 5.0 times the noise floor" in words[0]
-    assert words[1] == "It looks wrong. Mend it."
+    assert "It looks wrong. Mend it." in words
     assert words[-1].startswith("effects.yaml and model.xml are not written") == (files == 2)
 
 
-def test_three_causes_at_one_joint_are_doubted(found: Diagnosis) -> None:
-    """So many can imitate a missing law; two, or three at several joints or at all, cannot."""
+def test_two_causes_at_one_joint_are_doubted(found: Diagnosis) -> None:
+    """They can imitate a missing law; one, or two at several joints or at all, cannot."""
     cause = replace(found.report.causes[0], where="a", shared=False)
-    crowd = [replace(cause, effect=name) for name in ("armature", "cogging", "backlash")]
+    crowd = [replace(cause, effect=name) for name in ("armature", "cogging")]
     told = final_message(replace(found.report, causes=tuple(crowd)))
-    assert any(words.startswith("3 effects are named at a. Together") for words in told)
-    elsewhere = (*crowd[:2], replace(crowd[2], where="b"))
+    assert any(words.startswith("2 effects are named at a. Together") for words in told)
+    elsewhere = (crowd[0], replace(crowd[1], where="b"))
     wide = tuple(replace(one, where=None, shared=True) for one in crowd)
-    for causes in (tuple(crowd[:2]), elsewhere, wide):
+    for causes in (tuple(crowd[:1]), elsewhere, wide):
         told = final_message(replace(found.report, causes=causes))
         assert not any("effects are named at" in words for words in told)
 

@@ -6,7 +6,8 @@ from typing import Any
 import pytest
 
 from sim2real.diagnosis.inference import distance
-from sim2real.diagnosis.inference.distance import stands_alone
+from sim2real.diagnosis.inference.distance import share_joint, stands_alone
+from sim2real.diagnosis.inference.hypotheses import Hypothesis
 
 
 @pytest.fixture(autouse=True)
@@ -20,6 +21,11 @@ def fit(*labels: str, worse: bool = False) -> Any:
     """Return what stands for a fit."""
     members = [SimpleNamespace(label=label) for label in labels]
     return SimpleNamespace(hypothesis=SimpleNamespace(members=members), worse=worse)
+
+
+def member(name: str, place: str | None) -> Any:
+    """Return what stands for an effect at a place."""
+    return SimpleNamespace(name=name, where=place)
 
 
 def alone(best: Any, *others: Any) -> bool:
@@ -44,3 +50,14 @@ def test_two_equivalents_together_are_no_other_explanation() -> None:
     assert alone(best, both, one, other)
     assert alone(best, both, one)  # the strength is in the place of the mass then
     assert not alone(best, both, fit("rotor", "mass", worse=True))
+
+
+def test_two_effects_at_one_joint_may_imitate_a_law() -> None:
+    """Not two at different joints, not with a value for all, and not where there is one joint."""
+    friction, play, lag = (member(name, "elbow") for name in ("friction", "play", "lag"))
+    together = Hypothesis((friction, play))
+    assert share_joint(together, 2)
+    assert not share_joint(together, 1)
+    assert share_joint(Hypothesis((friction, member("delay", None), lag)), 6)
+    assert not share_joint(Hypothesis((friction, member("play", "wrist"))), 6)
+    assert not share_joint(Hypothesis((member("friction", None), member("play", None))), 6)
