@@ -244,6 +244,7 @@ class Judge:
         if best.hypothesis.members:
             self.search.swap(best, tried)
             best = self._prune(tried, self.search.quick)
+            del self.search  # its likelihoods are large, and another one follows
             self.moving(f"fitting {best.label} and its rivals once more", SHARES[-1])
             best, tried = self._refit(best, tried)
         verdict, pushes = self._decide(best, tried), ()
