@@ -1,16 +1,15 @@
-"""How much a nat a reading is worth: the temperature of the diagnosis's confidence.
+"""How probable a law is that is not in the vocabulary: the prior odds behind a confidence.
 
-    python -m benchmarks.confidence outputs/exam            # of a scored exam's answers
-    python -m benchmarks.confidence outputs/exam --shown outputs/other
+    python -m benchmarks.confidence benchmarks/results/thirdparty_5?.csv      # of scored exams
+    python -m benchmarks.confidence outputs/exam/cases.csv --shown outputs/other/cases.csv
 
-Odds of two explanations are exponentials of their log densities a reading over the temperature
-(`inference.temperature`). Another temperature multiplies the log odds of every answer alike, so
-that the best one follows from the confidences that an exam's answers have: it is the maximum of the
-likelihood of which first causes were right. How good it is, is shown on another exam.
+A first cause competes with a law that is missing; its odds are divided by the prior odds of such a
+law (`inference.unlisted`). Other prior odds multiply those of every answer alike, so that the best
+ones follow from the confidences that exams' answers have: they are the maximum of the likelihood of
+which first causes were right. How good they are, is shown on another exam.
 """
 
 import csv
-import json
 import sys
 from collections.abc import Sequence
 from itertools import pairwise
@@ -26,31 +25,33 @@ from sim2real.diagnosis.settings import DEFAULT
 from sim2real.exam.thirdparty.tables import EDGES, expected_error
 from sim2real.runs.tables import Table
 
-SPAN = (0.05, 20.0)  # times the present temperature
-LEAST = 1e-3  # no confidence is smaller, nor nearer to 1
+SPAN = (1e-3, 1e3)  # times the present prior odds
+LEAST = 1e-4  # no confidence is smaller, nor nearer to 1
 
 
-def read(folder: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return confidence and whether right of the first causes of a scored exam, (N,) each."""
+def read(tables: Sequence[Path]) -> tuple[np.ndarray, np.ndarray]:
+    """Return confidence and whether right of the first causes of scored exams, (N,) each.
+
+    Answers to cases that hide nothing are left out: there is no cause that could be right.
+    """
     said, right = [], []
-    with (folder / "cases.csv").open(encoding="utf-8", newline="") as file:
-        marks = [row for row in csv.DictReader(file) if row["right"] not in ("", "nan")]
-    for mark in marks:
-        path = folder / "answers" / mark["case"] / "report.json"
-        causes = json.loads(path.read_text("utf-8"))["causes"] if path.is_file() else []
-        if causes:
-            said.append(causes[0]["confidence"])
-            right.append(float(mark["right"]))
+    for path in tables:
+        with path.open(encoding="utf-8", newline="") as file:
+            for row in csv.DictReader(file):
+                asked = row.get("right") not in ("", "nan", None) and row["kind"] != "off_nominal"
+                if asked and row["confidence"]:
+                    said.append(float(row["confidence"]))
+                    right.append(float(row["right"]))
     return np.array(said), np.array(right)
 
 
 def at(said: np.ndarray, times: float) -> np.ndarray:
-    """Return confidences at so many times the temperature, (N,)."""
-    return expit(logit(np.clip(said, LEAST, 1 - LEAST)) / times)
+    """Return confidences at so many times the prior odds of a missing law, (N,)."""
+    return expit(logit(np.clip(said, LEAST, 1 - LEAST)) - np.log(times))
 
 
 def fit(said: np.ndarray, right: np.ndarray) -> float:
-    """Return how many times the temperature makes the answers most probable."""
+    """Return how many times the prior odds make the answers most probable."""
 
     def loss(log_times: float) -> float:
         p = np.clip(at(said, np.exp(log_times)), LEAST, 1 - LEAST)
@@ -75,13 +76,13 @@ def table(said: np.ndarray, right: np.ndarray) -> Table:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and run; return the exit status."""
     parser = command("confidence", __doc__)
-    parser.add_argument("exam", type=Path, help="folder of the scored exam to calibrate on")
-    parser.add_argument("--shown", type=Path, help="folder of another one, to show it on")
+    parser.add_argument("exams", type=Path, nargs="+", help="tables of cases to calibrate on")
+    parser.add_argument("--shown", type=Path, nargs="+", help="tables of others, to show it on")
     chosen = parser.parse_args(arguments)
-    said, right = read(chosen.exam)
+    said, right = read(chosen.exams)
     times = fit(said, right)
-    now = DEFAULT.inference.temperature
-    print(f"temperature {times * now:.3g} nats a row (now {now:g}), of {len(said)} answers")
+    now = DEFAULT.inference.unlisted
+    print(f"prior odds {times * now:.3g} (now {now:g}), of {len(said)} answers")
     shown = read(chosen.shown) if chosen.shown else (said, right)
     print(table(at(shown[0], times), shown[1]).markdown())
     return 0

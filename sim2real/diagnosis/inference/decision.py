@@ -84,18 +84,20 @@ def compute_posterior(
     """Return the probability of each hypothesis, (n,), and of a law that is not in the vocabulary.
 
     What the best hypothesis gains and what a free discrepancy still gains over it are one gap, in
-    the same unit; a law that is missing has made the second, and as large a share of the first as
-    of the whole. Among the hypotheses odds are exponentials of log predictive densities a row
-    over a temperature, since rows are no independent evidence; each costs its price.
+    the same unit; a law that is missing has made the second, and may have made the first: its odds
+    are their ratio, times prior ones. Among the hypotheses odds are exponentials of log predictive
+    densities a row over a temperature, since rows are no independent evidence; each costs its
+    price.
 
     Args:
         scores: what each hypothesis gains over the model as given [nats a row].
         prices: of each, see `compute_price` [nats a row].
         left: what a free discrepancy gains over the best [nats a row].
-        settings: tolerance and temperature.
+        settings: temperature, and prior odds of a law that is missing.
     """
     gained, left = max(scores[0], 0.0), max(left, 0.0)
-    unknown = left / (left + gained) if left > 0 else 0.0
+    missing = settings.unlisted * left
+    unknown = missing / (missing + gained) if left > 0 else 0.0
     worth = np.array(scores) - np.array(prices)
     odds = np.exp((worth - worth.max()) / settings.temperature)
     return odds / odds.sum() * (1 - unknown), unknown

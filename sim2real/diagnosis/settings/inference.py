@@ -97,7 +97,7 @@ class Inference:
         COST,
     )
     refits: int = setting(
-        12, "1", "largest number of proposals of the screening that are fitted at once", COST
+        10, "1", "largest number of proposals of the screening that are fitted at once", COST
     )
     promising: int = setting(
         24,
@@ -148,6 +148,12 @@ class Inference:
         "nats per row that change the odds of two explanations by a factor of e (rows are "
         "not independent evidence)",
         JUDGED,
+    )
+    unlisted: float = setting(
+        0.08,
+        "1",
+        "prior odds that a gap is due to an effect that is not in the library",
+        "tuned: `python -m benchmarks.confidence` on seven exams held with prior odds of 1",
     )
     equivalents_max: int = setting(
         3,

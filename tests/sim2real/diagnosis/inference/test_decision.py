@@ -50,12 +50,12 @@ def test_a_part_is_explained_only_if_the_simulation_comes_nearer() -> None:
 
 
 def test_the_posterior_knows_of_laws_that_are_not_in_the_vocabulary() -> None:
-    """They are as probable as their share of the gap; where nothing is left, the best one is."""
+    """Their odds are those of what is left, times their prior odds; none where nothing is left."""
     sure, unknown = compute_posterior([1.0, 0.2], [0.3, 0.3], 0.0, SETTINGS)
     assert sure[0] > 0.95
     assert unknown == 0.0
     lost, unknown = compute_posterior([1.0, 0.2], [0.3, 0.3], 3.0, SETTINGS)
-    assert unknown == pytest.approx(0.75)
+    assert unknown / (1 - unknown) == pytest.approx(3.0 * SETTINGS.unlisted)
     assert lost.sum() + unknown == pytest.approx(1.0)
 
 
