@@ -63,6 +63,7 @@ class Judgement:
         pushes: torques that act for a moment and hold most of what is left.
         probability: of the best and of each rival, (1 + n,).
         unknown: probability of a law that is not in the vocabulary.
+        imitators: explanations with an effect that is excluded, which do as well.
         judge: who said so.
     """
 
@@ -75,6 +76,7 @@ class Judgement:
     pushes: tuple[Pushed, ...]
     probability: np.ndarray
     unknown: float
+    imitators: tuple[Fit, ...]
     judge: Judge
 
 
@@ -138,7 +140,10 @@ class Judge:
             longer = len(best.hypothesis.members) > len(before.hypothesis.members)
             if not longer or self.is_enough(best):
                 break
-        return self._conclude(tried)
+        excluded: list[Start] = []
+        if vocabulary.excluded:
+            excluded = vocabulary.list_excluded(self.replay_errors(self.given))
+        return self._conclude(tried, excluded)
 
     def replay_errors(self, fit: Fit) -> np.ndarray:
         """Return the held-out errors of all rows, (W, T, M), of a fit."""
@@ -238,16 +243,29 @@ class Judge:
                 return best
         return best
 
-    def _conclude(self, tried: dict[str, Fit]) -> Judgement:
-        """Return the judgement, with starts and usual errors as they are under the answer."""
-        best = self._prune(tried, self.search.quick)
+    def _conclude(self, tried: dict[str, Fit], excluded: Sequence[Start] = ()) -> Judgement:
+        """Return the judgement, with starts and usual errors as they are under the answer.
+
+        Args:
+            tried: what was fitted.
+            excluded: changes that explain nothing, but may do as well as the answer.
+        """
+        best, imitators = self._prune(tried, self.search.quick), []
         if best.hypothesis.members:
             self.search.swap(best, tried)
             best = self._prune(tried, self.search.quick)
+            if excluded:
+                imitators = self.search.imitate(self.search.anchor(best, tried), excluded)
             del self.search  # its likelihoods are large, and another one follows
             self.moving(f"fitting {best.label} and its rivals once more", SHARES[-1])
             best, tried = self._refit(best, tried)
-        verdict, pushes = self._decide(best, tried), ()
+        imitators = [
+            self._judge_apart(fit, best) for fit in self.fitter.fit(map(restart, imitators))
+        ]
+        imitators = [
+            one for one in imitators if not is_told_apart(self.fitter, self.bootstrap, best, one)
+        ]
+        verdict, pushes = self._decide(best, tried, not imitators), ()
         if verdict != "explained" and self.explains(self.given):
             best, verdict = self.given, "no_gap"  # what explains a part of no gap is no cause
         left = self.left(best)
@@ -264,7 +282,7 @@ class Judge:
             self.settings,
         )
         known = verdict, best, self.given, self.nulls, tuple(rivals)
-        return Judgement(*known, left.gain, pushes, chances, unknown, self)
+        return Judgement(*known, left.gain, pushes, chances, unknown, tuple(imitators), self)
 
     def _find_pushes(self, best: Fit) -> tuple[Pushed, ...]:
         """Return the pushes that hold most of what an explanation leaves, if that is worth a cause.
@@ -276,8 +294,8 @@ class Judge:
             return ()
         return find_pushes(self.fitter, best, left)
 
-    def _decide(self, best: Fit, tried: dict[str, Fit]) -> Verdict:
-        """Return the verdict on the best of what was tried."""
+    def _decide(self, best: Fit, tried: dict[str, Fit], alone: bool) -> Verdict:
+        """Return the verdict on the best of what was tried; alone: nothing excluded imitates it."""
         members = best.hypothesis.members
         over = [*self.nulls.values(), *([self.given] if members else [])]
         low, high = best.hypothesis.bounded(self.settings.implausible)
@@ -289,7 +307,8 @@ class Judge:
             bool(inside[:, best.hypothesis.smooth].all()),
             follows_episodes(self.data, best, *self._rest),
             self._closes(best),
-            not share_joint(best.hypothesis, len(self.data.joints))
+            alone
+            and not share_joint(best.hypothesis, len(self.data.joints))
             and stands_alone(self.fitter, self.bootstrap, best, list(tried.values())),
         )
         return decide_verdict(standing, self.settings)

@@ -61,7 +61,15 @@ def find_stretch(judgement: Judgement, left: np.ndarray) -> Stretch | None:
 
 
 def describe_remainder(judgement: Judgement) -> str:
-    """Return what is left in words: joint, and time where it is not everywhere."""
+    """Return what is left in words: joint, time where it is not everywhere, excluded effects."""
+    text = _describe_errors(judgement)
+    if judgement.imitators:
+        best = max(judgement.imitators, key=lambda fit: fit.total)
+        text += f"; with an effect that was excluded, {best.label} predicts as well"
+    return text
+
+
+def _describe_errors(judgement: Judgement) -> str:
     left, data = judgement.judge.excess(judgement.best), judgement.judge.data
     by_joint = left.sum(axis=(0, 1))
     if not by_joint.sum():

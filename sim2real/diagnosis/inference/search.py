@@ -127,6 +127,26 @@ class Search:
         simpler = [start for place in every for start in list_simpler(best, place, others)]
         keep_better(self.quick.fit(simpler), tried)
 
+    def imitate(self, best: Fit, excluded: Sequence[Start]) -> list[Fit]:
+        """Return fits of excluded changes in the place of each member of the best, and of all.
+
+        Args:
+            best: the explanation, which the steps are anchored to.
+            excluded: the changes, each by itself.
+        """
+        every, found = range(len(best.hypothesis.members)), {}
+        (given,) = self.glance.fit([restart(self._judge.given)], rounds=0)
+        own, *parts = self.glance.fit(
+            [restart(best), *(without(best, place) for place in every)], rounds=0
+        )
+        lines = trace_lines(self.glance, given, excluded)
+        for rest in {fit.label: fit for fit in [*parts, given]}.values():
+            self._fit(pick_alike(self.glance, own, rest, lines, self.settings.alike), found)
+        members = [start.hypothesis.members[0] for start in excluded]
+        simpler = [start for place in every for start in list_simpler(best, place, members)]
+        keep_better(self.quick.fit(simpler), found)
+        return list(found.values())
+
     def _fit(self, starts: Sequence[Start], tried: dict[str, Fit]) -> None:
         """Fit starts into what was tried: at a glance, and the better half of each size fully."""
         rounds = self.settings.rounds - self.settings.glances

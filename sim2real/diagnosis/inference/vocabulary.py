@@ -24,14 +24,11 @@ from sim2real.diagnosis.inference.world_changes import list_world_changes
 RIPPLE = "cogging"
 
 
-def list_effects(
-    data: Data, exclude: Sequence[str] = (), fixed: Sequence[Fixed] = ()
-) -> list[Candidate]:
+def list_effects(data: Data, fixed: Sequence[Fixed] = ()) -> list[Candidate]:
     """Return what may differ of the robot and its world, each label once."""
-    found = candidates(data, exclude, fixed)
+    found = candidates(data, (), fixed)
     known = {member.label for member in found}
-    world = [one for one in list_world_changes(data) if one.name not in exclude]
-    return found + [member for member in world if member.label not in known]
+    return found + [member for member in list_world_changes(data) if member.label not in known]
 
 
 class Vocabulary:
@@ -39,7 +36,8 @@ class Vocabulary:
 
     Args:
         data: the windows.
-        exclude: names of effects to leave out.
+        exclude: names of effects that explain nothing; that one would do as well counts against
+            an explanation.
         fixed: effects that are in the model already.
         log: whether the log may be wrong; not where windows start from an estimate made of it.
         robot: whether the robot and its world may be other than the model.
@@ -57,7 +55,9 @@ class Vocabulary:
         only: Collection[str] | None = None,
     ) -> None:
         self.data = data
-        effects = list_effects(data, exclude, fixed) if robot else []
+        every = list_effects(data, fixed) if robot else []
+        effects = [member for member in every if member.name not in exclude]
+        self.excluded = [member for member in every if member.name in exclude]
         known = {member.label for member in effects}
         changes = list_log_changes(data) if log else []
         changes = [c for c in changes if c.robot is None or c.label in known]
@@ -75,7 +75,14 @@ class Vocabulary:
             joints: names of these.
         """
         shown = [m for m in self.members if not (own := get_joints(m)) or own & set(joints)]
-        return [make_start(self._tuned(member, errors)) for member in shown]
+        return self._start(shown, errors)
+
+    def list_excluded(self, errors: np.ndarray) -> list[Start]:
+        """Return the same of every effect that is excluded."""
+        return self._start(self.excluded, errors)
+
+    def _start(self, members: Sequence[Member], errors: np.ndarray) -> list[Start]:
+        return [make_start(self._tuned(member, errors)) for member in members]
 
     def _tuned(self, member: Member, errors: np.ndarray) -> Member:
         """Return a change whose probes are what the errors show, where they show it."""

@@ -14,6 +14,7 @@ from sim2real.diagnosis.inference.fit import Fit, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.judge import Judge, Judgement
 from sim2real.diagnosis.inference.log_changes import list_log_changes
+from sim2real.diagnosis.inference.remainder import describe_remainder
 from sim2real.diagnosis.inference.vocabulary import Vocabulary
 from tests.sim2real.diagnosis import arm
 
@@ -162,6 +163,18 @@ def test_the_search_ends_where_no_longer_explanation_wins(
 
     monkeypatch.setattr(judge.search, "refine", refine)
     monkeypatch.setattr(judge, "choose", choose)
-    monkeypatch.setattr(judge, "_conclude", lambda tried: None)
+    monkeypatch.setattr(judge, "_conclude", lambda tried, excluded: None)
     judge.judge(vocabulary)
     assert len(refined) == 2 and refined[0] == judge.given.label
+
+
+def test_what_an_excluded_effect_does_as_well_is_not_explained(tmp_path: Path) -> None:
+    """All motors weakened alike are a low voltage, and the voltage may not be named."""
+    log = arm.make_log(("supply_voltage", {}, 0.8), seconds=12.0, noise=NOISE)
+    data, only = arm.data_of(log, tmp_path), ["motor_strength (braking kept)"]
+    free = Judge(data).judge(Vocabulary(data, only=only))
+    assert free.verdict == "explained" and not free.imitators
+    judgement = Judge(data).judge(Vocabulary(data, ["supply_voltage"], only=only))
+    assert judgement.best.label == free.best.label
+    assert judgement.verdict == "partly_explained"
+    assert "supply_voltage predicts as well" in describe_remainder(judgement)
