@@ -186,7 +186,7 @@ class CenterOfMass(Effect):
     comparable = True
     sizes = Sizes("signed", "length", 0.03, 1.2)
     symptom = "a pose-dependent sag, as with a wrong mass, but acceleration changes differently"
-    source = "rigid-body dynamics; CAD models are wrong by 5 to 20 %"
+    source = "rigid-body dynamics"
     experiment = "torque-off swings, whose period separates inertia from gravity's lever arm"
     group = PLAIN
     law = _Shift

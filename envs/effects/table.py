@@ -40,8 +40,8 @@ To add your own effect, see [Extend](../../how-to/extend.md#an-effect).
 
 ## Order within a control step
 
-1. The command arrives: `packet_loss`, then a servo's `encoder_offset`; `command_delay` is the
-   engine's delay line.
+1. The command arrives: `packet_loss`, then a servo's `encoder_offset`. The engine's delay
+   line applies `command_delay`.
 2. Before each physics step: profiles, feedback through play or springs, `dead_zone`,
    `supply_sag`, `thermal_derating`, friction, `cogging`.
 3. After the step, the sensors: `observation_delay`, `encoder_offset`, `sensor_noise`,

@@ -13,7 +13,11 @@ OWN_ROWS = (
     "case_002,none,no_gap,,0,",
     "case_003,excluded,explained: link_mass at hip 0.2,,,",
 )
-OTHER_ROWS = ("case_000,single,explained: armature at hip 0.1,1,,0", "case_001,dirty,no_gap,0,,")
+OTHER_ROWS = (
+    "case_000,single,explained: armature at hip 0.1,1,,0",
+    "case_001,dirty,no_gap,0,,",
+    "case_002,outside,unexplained,,,",
+)
 
 
 def test_each_question_is_asked_of_its_cases(
@@ -27,11 +31,12 @@ def test_each_question_is_asked_of_its_cases(
     assert main(["--results", str(tmp_path)]) == 0
     text = (tmp_path / "likelihood.md").read_text(encoding="utf-8")
     assert text.strip() == capsys.readouterr().out.strip()
-    assert "| hidden effect named first | 6 | 3 | 0.50" in text
-    assert "| healthy robot blamed | 3 | 0 | 0.00" in text
-    assert "is excluded | 3 | 3 | 1.00" in text
-    assert "90 % interval | 3 | 3 | 1.00" in text
-    assert "explained` and right | 3 | 3 | 1.00" in text
+    assert "| hidden effect named first | 8 | 4 | 0.50" in text
+    assert "| healthy robot blamed | 4 | 0 | 0.00" in text
+    assert "is excluded | 4 | 4 | 1.00" in text
+    assert "90 % interval | 4 | 4 | 1.00" in text
+    assert "explained` and right | 4 | 4 | 1.00" in text
+    assert "of the library acts | 4 | 0 | 0.00" in text
 
 
 def test_a_folder_without_the_tables_is_refused(tmp_path: Path) -> None:
