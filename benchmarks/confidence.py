@@ -1,7 +1,8 @@
 """How probable a law is that is not in the vocabulary: the prior odds behind a confidence.
 
-    python -m benchmarks.confidence benchmarks/results/thirdparty_5?.csv      # of scored exams
     python -m benchmarks.confidence outputs/exam/cases.csv --shown outputs/other/cases.csv
+    cd benchmarks/results                                   # where the setting comes from
+    python -m benchmarks.confidence thirdparty_5[5-8].csv blindcheck_205[134].csv --held 1
 
 A first cause competes with a law that is missing; its odds are divided by the prior odds of such a
 law (`inference.unlisted`). Other prior odds multiply those of every answer alike, so that the best
@@ -78,11 +79,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = command("confidence", __doc__)
     parser.add_argument("exams", type=Path, nargs="+", help="tables of cases to calibrate on")
     parser.add_argument("--shown", type=Path, nargs="+", help="tables of others, to show it on")
+    now = DEFAULT.inference.unlisted
+    parser.add_argument("--held", type=float, default=now, help="prior odds of these exams")
     chosen = parser.parse_args(arguments)
     said, right = read(chosen.exams)
     times = fit(said, right)
-    now = DEFAULT.inference.unlisted
-    print(f"prior odds {times * now:.3g} (now {now:g}), of {len(said)} answers")
+    print(f"prior odds {times * chosen.held:.3g} (now {now:g}), of {len(said)} answers")
     shown = read(chosen.shown) if chosen.shown else (said, right)
     print(table(at(shown[0], times), shown[1]).markdown())
     return 0

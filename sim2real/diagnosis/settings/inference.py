@@ -153,7 +153,7 @@ class Inference:
         0.08,
         "1",
         "prior odds that a gap is due to an effect that is not in the library",
-        "tuned: `python -m benchmarks.confidence` on seven exams held with prior odds of 1",
+        "tuned: `python -m benchmarks.confidence` on seven exams, which its text names",
     )
     equivalents_max: int = setting(
         3,
