@@ -29,6 +29,21 @@ def stream(label: str) -> int:
     return (zlib.crc32(label.encode()) | 1) << 24
 
 
+def delay_commands(spec: mujoco.MjSpec, by: float, longest: float = 0.0) -> None:
+    """Give each actuator a delay line, and let its commands arrive later.
+
+    Args:
+        spec: the model.
+        by: how much later [s].
+        longest: what lines have to hold in addition [s].
+    """
+    for actuator in spec.actuators:
+        actuator.delay += by
+        samples = math.ceil((actuator.delay + longest) / spec.option.timestep) + 1
+        actuator.nsample = max(actuator.nsample, samples)
+        actuator.interp = max(actuator.interp, LINEAR)
+
+
 class CommandDelay(Effect):
     """Time from sending a command to its arrival at the servos, added to the model's own delays.
 
@@ -53,10 +68,7 @@ class CommandDelay(Effect):
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Give each actuator a delay line."""
-        for actuator in spec.actuators:
-            longest = self.extra["longest"] + actuator.delay
-            actuator.nsample = max(actuator.nsample, math.ceil(longest / spec.option.timestep) + 1)
-            actuator.interp = max(actuator.interp, LINEAR)
+        delay_commands(spec, 0.0, self.extra["longest"])
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
         """Return the delay."""

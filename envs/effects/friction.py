@@ -164,7 +164,10 @@ class Armature(FieldEffect):
     experiment = "steps from rest with two amplitudes, and a chirp"
 
     def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return parts of the inertia at the joint, and less of the model's own armature."""
+        """Return shares and multiples of the inertia at the joint, and less of its armature.
+
+        A gear multiplies a rotor's inertia by its squared ratio, often beyond that of the link.
+        """
         own = scale.own("dof_armature", self.where)
         whole = scale.inertia(self.where) + own
-        return np.append(np.array([0.1, 0.4, 1.5]) * whole, -0.4 * own)
+        return np.append(np.array([0.1, 0.4, 1.5, 6.0]) * whole, -0.4 * own)

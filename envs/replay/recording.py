@@ -49,8 +49,13 @@ class Schedule(NamedTuple):
         return len(self.ctrl)
 
 
-def schedule(recording: Recording, dt: float) -> Schedule:
+def schedule(recording: Recording, dt: float, lead: float = 0.0) -> Schedule:
     """Return a recording's commands at each physics step of `dt` seconds.
+
+    Args:
+        recording: of an episode.
+        dt: of a step [s].
+        lead: how much earlier than recorded commands are sent [s].
 
     Raises:
         TaskError: a recording whose time is so long, for its rows, that no memory would hold it.
@@ -71,7 +76,8 @@ def schedule(recording: Recording, dt: float) -> Schedule:
         off = _switches(~recording.powered)[latest]
     held = recording.ctrl[0] if recording.held is None else recording.held
     law = None if recording.law is None else recording.law[latest]
-    ctrl = recording.ctrl[latest]
+    sent = np.searchsorted(recording.time, clock + lead, side="right") - 1
+    ctrl = recording.ctrl[np.maximum(sent, 0)]
     return Schedule(recording.qpos, recording.qvel, held, ctrl, off, law, recording.act)
 
 

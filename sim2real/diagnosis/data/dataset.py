@@ -18,6 +18,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from envs.effects.command import delay_commands
 from hardware.log import Log
 from sim2real.diagnosis.data.impedance import impedance_of
 from sim2real.diagnosis.data.noise_floor import count_of, noise_floor, rounding
@@ -42,6 +43,7 @@ class Data:
     mask: np.ndarray  # (W, T) which rows are compared
     measured: np.ndarray  # (W, T, M)
     settings: Settings = DEFAULT  # of this and all later stages
+    late: tuple[float, ...] = ()  # s by which commands arrive later than in each model; empty: 0
     starts: np.ndarray | None = None
     """What one standard deviation of each unknown of a start changes of errors, (W, T, M, D), where
     starts are estimated; None: they are measured."""
@@ -152,20 +154,26 @@ class Data:
     def stepping(self, most: float) -> Data | None:
         """Return the data with models that take longer time steps.
 
+        A delay of less than a step would act as a whole one. So all commands are sent a step early
+        and arrive a step later, interpolated.
+
         Args:
             most: longest step [s]; each model's own is multiplied by the largest integer that fits.
 
         Returns:
             None if no model can take longer steps.
         """
-        specs = tuple(spec.copy() for spec in self.specs)
+        specs, late = tuple(spec.copy() for spec in self.specs), list[float]()
         for spec in specs:
-            spec.option.timestep *= max(int(most / spec.option.timestep * (1 + TINY)), 1)
+            times = max(int(most / spec.option.timestep * (1 + TINY)), 1)
+            spec.option.timestep *= times
+            late.append(spec.option.timestep if times > 1 else 0.0)
+            delay_commands(spec, late[-1])
         models = tuple(spec.copy().compile() for spec in specs)
         pairs = zip(models, self.models, strict=True)
         if all(model.opt.timestep == own.opt.timestep for model, own in pairs):
             return None
-        return replace(self, specs=specs, models=models)
+        return replace(self, specs=specs, models=models, late=tuple(late))
 
 
 def _stacked(windows: Sequence[Window]) -> dict[str, Any]:

@@ -112,7 +112,8 @@ class Simulator:
         for window in data.windows:
             more = (0, self._length - len(window.sample)), (0, 0)
             dt = data.models[window.model].opt.timestep
-            self._plans.append(schedule(window.recording, dt))
+            lead = data.late[window.model] if data.late else 0.0
+            self._plans.append(schedule(window.recording, dt, lead))
             self._read.append(readings(np.pad(window.sample, more, "edge"), dt))
 
     def of(self, data: Data) -> Simulator:

@@ -216,8 +216,8 @@ class Judge:
         best = self.given
         for count in range(1, self.settings.members_max + 1):
             own = [fit for fit in tried.values() if len(fit.hypothesis.members) == count]
-            if own and self.wins(simplest := self._pick_simplest(own), best):
-                best = simplest
+            if winners := [fit for fit in own if self.wins(fit, best)]:
+                best = self._pick_simplest(winners)
         return best
 
     def _pick_simplest(self, fits: Sequence[Fit]) -> Fit:
@@ -316,29 +316,20 @@ class Judge:
     def _refit(
         self, best: Fit, tried: dict[str, Fit], again: bool = True
     ) -> tuple[Fit, dict[str, Fit]]:
-        """Return the best and its nearest rivals, fitted where the answer is the model.
-
-        Rivals that these windows tell from the best are judged there, with the values they have.
-        """
+        """Return the best and its nearest rivals, fitted where the answer is the model."""
         most, others = len(best.hypothesis.members), [f for f in tried.values() if f is not best]
         others = [f for f in others if 0 < len(f.hypothesis.members) <= most]
         others.sort(key=lambda fit: -fit.total)
         finalists = [best, *others[: self.settings.rivals]]
         finalists += [f for f in others if is_part(f.hypothesis, best.hypothesis)]
         finalists = pick_distinct(finalists, len(finalists))
-        apart = [is_told_apart(self.fitter, self.bootstrap, best, one) for one in finalists]
-        starts = list(zip(map(restart, finalists), apart, strict=True))
         self._look(best.hypothesis, best.values)
-        fits = self.fitter.fit(start for start, far in starts if not far)
-        fits += self.fitter.fit((start for start, far in starts if far), rounds=0)
+        fits = self.fitter.fit(map(restart, finalists))
         refitted = {fit.label: self._judge_apart(fit, best) for fit in [self.given, *fits]}
         found = self._prune(refitted, self.fitter)
         if found.hypothesis.mended == best.hypothesis.mended:
             return found, refitted
-        same, simpler = refitted[best.label], found.hypothesis.burden < best.hypothesis.burden
-        if again and (simpler or self.bootstrap.gain(found.score - same.score).low > 0):
-            return self._refit(found, tried, again=False)
-        return same, refitted
+        return self._refit(found, tried, again=False) if again else (refitted[best.label], refitted)
 
     def _judge_apart(self, fit: Fit, best: Fit) -> Fit:
         """Return a fit, with unknowns of its own if it mends the log otherwise than the best does.

@@ -19,7 +19,7 @@ from envs.effects import merge_effects
 from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.progress import Moving
-from sim2real.diagnosis.data.windows import cut_one
+from sim2real.diagnosis.data.windows import cut_one, is_driven
 from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.inference.baseline import Baseline
 from sim2real.diagnosis.inference.conclusion import Conclusion, effects_of, make_conclusion
@@ -87,7 +87,7 @@ def _judge(
 ) -> tuple[Baseline, Judgement]:
     """Return the gap as given in some windows, and the judgement on it; see `Vocabulary`."""
     trusted = about.restart is not None
-    data = data if trusted else skip_beginnings(data, math.ceil(MOST))
+    data = data if trusted else skip_ends(data, math.ceil(MOST))
     judge = Judge(data, about.fixed, about.rng, about.work, about.moving)
     baseline = Baseline.of(judge.replayer, about.rng)
     vocabulary = Vocabulary(data, about.exclude, about.fixed, log=not trusted, only=only)
@@ -109,7 +109,7 @@ def find_mistakes(data: Data, fixed: Sequence[Fixed] = ()) -> list[str]:
         Sim2RealError: a model that cannot follow the logs.
     """
     brief = replace(data.settings.inference, members_max=1, refits=data.settings.inference.alike)
-    data = _few(skip_beginnings(data, math.ceil(MOST)))
+    data = _few(skip_ends(data, math.ceil(MOST)))
     data = replace(data, settings=replace(data.settings, inference=brief))
     judgement = Judge(data, fixed).judge(Vocabulary(data, robot=False))
     if judgement.verdict != "explained":
@@ -128,20 +128,29 @@ def _few(data: Data) -> Data:
     return data.only(np.unique(np.linspace(0, len(lengths) - 1, most).round().astype(int)))
 
 
-def skip_beginnings(data: Data, rows: int) -> Data:
-    """Return the data with windows that begin at least so many rows after their episode does.
+def skip_ends(data: Data, rows: int) -> Data:
+    """Return the data without so many rows at the beginning and the end of each episode.
 
-    What was logged at another time is not known there.
+    What was logged at another time is not known there. A window that is cut begins in motion, so
+    that servos correct its start before anything is compared.
     """
     windows, mask = list(data.windows), data.mask.copy()
+    driven = all(is_driven(data.models[0], joint.qpos) for joint in data.joints)
+    ahead = data.settings.windows.warm_s if driven else 0.0
     for place, window in enumerate(data.windows):
         log = data.logs[window.log]
-        begin = int(np.argmax(log.episode == window.episode)) + rows
-        kept = window.usable & (window.first + np.arange(len(window.usable)) >= begin)
-        if window.start < begin and kept.sum() > 1:
+        own = np.flatnonzero(log.episode == window.episode)
+        begin, end = int(own[0]) + rows, int(own[-1]) - rows
+        there = np.arange(window.first, window.first + len(window.usable))
+        kept = window.usable & (there <= end)
+        if window.start < begin < end:
+            kept &= log.time[np.minimum(there, own[-1])] >= log.time[begin] + ahead
+        if kept.sum() < 2 or (kept == window.usable).all():
+            continue
+        if window.start < begin:
             args = (window.log, window.model, data.models[window.model], data.joints)
             cut = (begin, window.first, window.last)
-            own = cut_one(log, *args, cut, data.settings.windows)
-            windows[place] = own._replace(usable=kept)
-            mask[place, : len(kept)] = kept
+            window = cut_one(log, *args, cut, data.settings.windows)
+        windows[place] = window._replace(usable=kept)
+        mask[place, : len(kept)] = kept
     return replace(data, windows=tuple(windows), mask=mask)

@@ -125,7 +125,7 @@ class Search:
             self._fit(alike, tried)
         others = [line.member for line in self.lines]
         simpler = [start for place in every for start in list_simpler(best, place, others)]
-        keep_better(self.quick.fit(simpler), tried)
+        keep_better(self.quick.fit([restart(best), *simpler]), tried)
 
     def imitate(self, best: Fit, excluded: Sequence[Start]) -> list[Fit]:
         """Return fits of excluded changes in the place of each member of the best, and of all.

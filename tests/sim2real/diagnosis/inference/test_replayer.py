@@ -11,25 +11,27 @@ from sim2real.diagnosis.inference.episodes import cut_whole_episodes
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
 from sim2real.diagnosis.inference.log_changes import list_log_changes
 from sim2real.diagnosis.inference.replayer import Job, Replayer
-from sim2real.diagnosis.inference.run import skip_beginnings
+from sim2real.diagnosis.inference.run import skip_ends
 from tests.sim2real.diagnosis import arm
 
 ROWS = 6
 
 
-def test_beginnings_of_episodes_are_left_out(tmp_path: Path) -> None:
-    """What was logged at another time is unknown there; other windows stay as they are."""
+def test_ends_of_episodes_are_left_out(tmp_path: Path) -> None:
+    """What was logged at another time is unknown there; servos first correct a start in motion."""
     data = arm.data_of(arm.make_log(), tmp_path)
-    later = skip_beginnings(data, ROWS)
+    later, log, last = skip_ends(data, ROWS), data.logs[0], len(data.windows) - 1
     assert [w.start for w in later.windows] == [max(w.start, ROWS) for w in data.windows]
     first = later.windows[0]
     np.testing.assert_array_equal(
-        first.recording.qpos, [data.logs[0].columns[f"qpos.{n}"][ROWS] for n in arm.JOINTS]
+        first.recording.qpos, [log.columns[f"qpos.{n}"][ROWS] for n in arm.JOINTS]
     )
-    lost = max(ROWS - first.first, 0)
-    assert not later.mask[0, :lost].any()
-    assert later.mask[0, lost : len(first.usable)].all()
-    np.testing.assert_array_equal(later.mask[1:], data.mask[1:])
+    begin = log.time[ROWS] + data.settings.windows.warm_s
+    own = np.arange(first.first, first.first + len(first.usable))
+    np.testing.assert_array_equal(later.mask[0, : len(own)], log.time[own] >= begin)
+    shown = data.mask[last].sum() - ROWS
+    assert later.mask[last, :shown].all() and not later.mask[last, shown:].any()
+    np.testing.assert_array_equal(later.mask[1:last], data.mask[1:last])
     assert later.windows[1] is data.windows[1]
 
 
@@ -38,7 +40,7 @@ def test_an_episode_is_one_window(tmp_path: Path) -> None:
     data = arm.data_of(arm.make_log(), tmp_path)
     (whole,) = cut_whole_episodes(data)
     assert (whole.first, whole.last) == (0, len(data.logs[0]))
-    (later,) = cut_whole_episodes(skip_beginnings(data, ROWS))
+    (later,) = cut_whole_episodes(skip_ends(data, ROWS))
     assert (later.start, later.first) == (ROWS, ROWS)
 
 
