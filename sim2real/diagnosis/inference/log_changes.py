@@ -49,11 +49,13 @@ from sim2real.diagnosis.inference.columns import (
 )
 from sim2real.diagnosis.inference.log_change import LogChange, Mend
 from sim2real.diagnosis.preflight.speeds import speed_laws
+from sim2real.diagnosis.settings import TINY
 
 DEGREES = 180 / math.pi
 LATE = (0.5, 1.0, 2.5)  # rows by which readings may be old that are looked at first
 ROWS = (-2.0, -1.0, 1.0, 2.0)  # rows of a shift that are looked at first
 MOST = 6.0  # rows of a shift at most
+OLDEST = 0.12  # s: age of a reading at most; `observation_delay` reaches 0.1 s
 SCALES = (0.5, 2.0)
 RATES = (0.85, 1.2)
 SHIFTS = (-0.1, 0.1)  # rad or m
@@ -68,7 +70,7 @@ def list_log_changes(data: Data) -> list[LogChange]:
     commands = _commands(data.models[0], log)
     found = [_posed(log.actuators), _increments(log.actuators)]
     found += [] if _is_clock_right(data) else [_clock()]
-    found.append(_late_readings(joints, float(np.median(np.diff(log.time)))))
+    found.append(_late_readings(joints, log))
     found += _in_counts(log, joints, [commands[j] for j in joints if j in commands])
     for joint in [None, *joints] if len(joints) > 1 else joints:
         own = joints if joint is None else [joint]
@@ -85,6 +87,16 @@ def list_log_changes(data: Data) -> list[LogChange]:
     for joint, base in find_bases(data.models[0], joints):
         found += _maps(joint, base, commands)
     return found
+
+
+def find_reach(log: Log) -> int:
+    """Return by how many rows commands or readings of a log may be late at most."""
+    return math.ceil(max(MOST, OLDEST / _step(log) - TINY))
+
+
+def _step(log: Log) -> float:
+    """Return the time between two rows [s]."""
+    return float(np.median(np.diff(log.time)))
 
 
 def _commands(model: mujoco.MjModel, log: Log) -> dict[str, str]:
@@ -113,20 +125,22 @@ def _single(
     return LogChange(effect, columns, where, mend, remedy, points, *ends, **more)  # type: ignore[arg-type]
 
 
-def _late_readings(joints: Sequence[str], step: float) -> LogChange:
-    """Return readings that are older than their rows, `step` [s] apart.
+def _late_readings(joints: Sequence[str], log: Log) -> LogChange:
+    """Return readings that are older than their rows.
 
     A window starts with its first reading, which is as old: only the log can be set right.
     """
-    effect = make("observation_delay")
+    step = _step(log)
+    oldest = find_reach(log) * step
+    effect = make("observation_delay", longest=oldest)
     return _single(
         effect.name,
         (READING,),
         None,
         lambda log, v: shift_readings(log, joints, float(v[0]) / step),
         "",
-        [rows * step for rows in LATE],
-        (0.0, 0.0, MOST * step),
+        [*(rows * step for rows in LATE), OLDEST / 2],
+        (0.0, 0.0, oldest),
         unit=effect.unit,
         robot=effect,
     )

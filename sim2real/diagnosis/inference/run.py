@@ -8,7 +8,6 @@ are known it is made again with them in the model, and those that promised somet
 on these windows.
 """
 
-import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -24,7 +23,7 @@ from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.inference.baseline import Baseline
 from sim2real.diagnosis.inference.conclusion import Conclusion, effects_of, make_conclusion
 from sim2real.diagnosis.inference.judge import Judge, Judgement
-from sim2real.diagnosis.inference.log_changes import MOST
+from sim2real.diagnosis.inference.log_changes import find_reach
 from sim2real.diagnosis.inference.vocabulary import Vocabulary
 
 FEWEST = 6  # windows that are judged
@@ -87,7 +86,7 @@ def _judge(
 ) -> tuple[Baseline, Judgement]:
     """Return the gap as given in some windows, and the judgement on it; see `Vocabulary`."""
     trusted = about.restart is not None
-    data = data if trusted else skip_ends(data, math.ceil(MOST))
+    data = data if trusted else skip_ends(data)
     judge = Judge(data, about.fixed, about.rng, about.work, about.moving)
     baseline = Baseline.of(judge.replayer, about.rng)
     vocabulary = Vocabulary(data, about.exclude, about.fixed, log=not trusted, only=only)
@@ -109,7 +108,7 @@ def find_mistakes(data: Data, fixed: Sequence[Fixed] = ()) -> list[str]:
         Sim2RealError: a model that cannot follow the logs.
     """
     brief = replace(data.settings.inference, members_max=1, refits=data.settings.inference.alike)
-    data = _few(skip_ends(data, math.ceil(MOST)))
+    data = _few(skip_ends(data))
     data = replace(data, settings=replace(data.settings, inference=brief))
     judgement = Judge(data, fixed).judge(Vocabulary(data, robot=False))
     if judgement.verdict != "explained":
@@ -128,8 +127,8 @@ def _few(data: Data) -> Data:
     return data.only(np.unique(np.linspace(0, len(lengths) - 1, most).round().astype(int)))
 
 
-def skip_ends(data: Data, rows: int) -> Data:
-    """Return the data without so many rows at the beginning and the end of each episode.
+def skip_ends(data: Data) -> Data:
+    """Return the data without the rows that a shift may leave unknown, at both ends of episodes.
 
     What was logged at another time is not known there. A window that is cut begins in motion, so
     that servos correct its start before anything is compared.
@@ -139,6 +138,7 @@ def skip_ends(data: Data, rows: int) -> Data:
     ahead = data.settings.windows.warm_s if driven else 0.0
     for place, window in enumerate(data.windows):
         log = data.logs[window.log]
+        rows = find_reach(log)
         own = np.flatnonzero(log.episode == window.episode)
         begin, end = int(own[0]) + rows, int(own[-1]) - rows
         there = np.arange(window.first, window.first + len(window.usable))

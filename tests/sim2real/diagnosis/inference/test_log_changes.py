@@ -8,7 +8,7 @@ import pytest
 
 from hardware.log import Log
 from sim2real.diagnosis.inference.log_change import LogChange
-from sim2real.diagnosis.inference.log_changes import list_log_changes
+from sim2real.diagnosis.inference.log_changes import find_reach, list_log_changes
 from tests.sim2real.diagnosis import arm
 
 
@@ -108,6 +108,20 @@ def test_late_readings_keep_their_values_and_get_their_own_stamps(
     )
     off = mended.columns["stamp.b"] - log.time
     np.testing.assert_allclose(off[inside], -0.005, atol=1e-9)
+
+
+@pytest.mark.parametrize(("rate", "rows"), [(20.0, 6), (50.0, 6), (200.0, 24)])
+def test_readings_are_as_old_as_adapters_make_them_at_any_rate(
+    log: Log, tmp_path: Path, rate: float, rows: int
+) -> None:
+    """An age is a time, not a number of rows; the effect can be as old as the readings."""
+    other = broken(log, time=np.arange(len(log)) / rate)
+    assert find_reach(other) == rows
+    (late,) = [c for c in list_log_changes(arm.data_of(other, tmp_path)) if c.robot is not None]
+    assert late.high == pytest.approx(rows / rate)
+    assert late.robot is not None
+    (age,) = late.robot.parameters(arm.spec().compile())
+    assert age.high >= late.high
 
 
 def test_a_turn_that_jumps_is_unwrapped(log: Log, tmp_path: Path) -> None:

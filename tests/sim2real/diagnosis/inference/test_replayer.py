@@ -20,7 +20,7 @@ ROWS = 6
 def test_ends_of_episodes_are_left_out(tmp_path: Path) -> None:
     """What was logged at another time is unknown there; servos first correct a start in motion."""
     data = arm.data_of(arm.make_log(), tmp_path)
-    later, log, last = skip_ends(data, ROWS), data.logs[0], len(data.windows) - 1
+    later, log, last = skip_ends(data), data.logs[0], len(data.windows) - 1
     assert [w.start for w in later.windows] == [max(w.start, ROWS) for w in data.windows]
     first = later.windows[0]
     np.testing.assert_array_equal(
@@ -40,7 +40,7 @@ def test_an_episode_is_one_window(tmp_path: Path) -> None:
     data = arm.data_of(arm.make_log(), tmp_path)
     (whole,) = cut_whole_episodes(data)
     assert (whole.first, whole.last) == (0, len(data.logs[0]))
-    (later,) = cut_whole_episodes(skip_ends(data, ROWS))
+    (later,) = cut_whole_episodes(skip_ends(data))
     assert (later.start, later.first) == (ROWS, ROWS)
 
 
