@@ -31,12 +31,14 @@ def test_each_question_is_asked_of_its_cases(
     assert main(["--results", str(tmp_path)]) == 0
     text = (tmp_path / "likelihood.md").read_text(encoding="utf-8")
     assert text.strip() == capsys.readouterr().out.strip()
-    assert "| hidden effect named first | 8 | 4 | 0.50" in text
-    assert "| healthy robot blamed | 4 | 0 | 0.00" in text
-    assert "is excluded | 4 | 4 | 1.00" in text
-    assert "90 % interval | 4 | 4 | 1.00" in text
-    assert "explained` and right | 4 | 4 | 1.00" in text
-    assert "of the library acts | 4 | 0 | 0.00" in text
+    for own, other in EXAMS.values():
+        n, m = len(own), len(other)
+        assert f"| hidden effect named first | {2 * n} | {n} | 0.50" in text
+        assert f"| healthy robot blamed | {n} | 0 | 0.00" in text
+        assert f"is excluded | {n} | {n} | 1.00" in text
+        assert f"90 % interval | {n} | {n} | 1.00" in text
+        assert f"explained` and right | {m} | {m} | 1.00" in text
+        assert f"of the library acts | {m} | 0 | 0.00" in text
 
 
 def test_a_folder_without_the_tables_is_refused(tmp_path: Path) -> None:
