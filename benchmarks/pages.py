@@ -143,7 +143,7 @@ def report_json() -> str:
 def _fields(kind: type) -> Iterator[tuple[str, str, str]]:
     """Yield name, type and meaning of a class's fields that stand in the file."""
     about = dict(re.findall(r"^    (\w+): .*  # (.*)$", inspect.getsource(kind), re.MULTILINE))
-    about |= re.findall(r"^        (\w+): (.*(?:\n {12}.*)*)", kind.__doc__ or "", re.MULTILINE)
+    about |= re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", inspect.getdoc(kind) or "", re.MULTILINE)
     for one in dataclasses.fields(kind):
         if one.name != "evidence":
             of = _kind(str(one.type))
