@@ -93,7 +93,7 @@ def _break(
     Where the law is the policy's own, they act before the robot's limits, else on what the task
     sends.
     """
-    name = "wanted" if about.action.law == "joint_position" else "command"
+    name = "target_angles" if about.action.law == "joint_position" else "command"
     right, goals, made = getattr(task, name), list[np.ndarray](), list[np.ndarray]()
     acting = [fault for fault in faults if fault.key[0] == "action"]
 

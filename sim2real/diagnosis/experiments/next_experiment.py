@@ -36,6 +36,7 @@ from sim2real.diagnosis.settings import DEFAULT
 from sim2real.diagnosis.settings import Experiment as Limits
 from sim2real.runs.errors import Sim2RealError
 
+GAINS = 2  # places of a law that are gains; a desired speed and a torque follow
 KNOWN = "bench1"  # a desk-top robot, whose servo, bus, rate and supply stand in for unknown ones
 Scores = dict[Item, np.ndarray]  # motions, and how far each parts each pair, (P,) noise floors
 
@@ -229,7 +230,21 @@ def _changed(item: Item, asked: Asked, robot: Robot, settings: Limits) -> tuple[
     if item.change is not None:
         item.change(spec)
         asked = asked._replace(changed=spec)
-    return asked, record_of(item, spec.copy().compile(), robot, settings)
+    motion = record_of(item, spec.copy().compile(), robot, settings)
+    return asked, motion._replace(law=_repeat_gains(asked.past, len(motion.time)))
+
+
+def _repeat_gains(past: Sequence[Recording], rows: int) -> np.ndarray | None:
+    """Return the usual gains of recordings for each row of another one, (T, nu, 4).
+
+    Nothing else is sent, neither a speed nor a torque. None where no recording has gains.
+    """
+    laws = [recording.law for recording in past if recording.law is not None]
+    if not laws:
+        return None
+    gains = np.median(np.concatenate(laws), axis=0)
+    gains[:, GAINS:] = 0.0
+    return np.tile(gains, (rows, 1, 1))
 
 
 def record_of(

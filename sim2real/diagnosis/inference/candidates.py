@@ -8,6 +8,8 @@ closes no gap is none (`Effect.visible_in_replay`): noise, quantization, the fil
 and lost packets are read off the log.
 """
 
+from __future__ import annotations
+
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -74,6 +76,11 @@ class Candidate:
         A free base, which no hinge or slide moves, goes by its own name.
         """
         return (self.joint if self.effect.place == "body" else None) or self.effect.where
+
+    @property
+    def parts(self) -> tuple[Candidate, ...]:
+        """What is simulated, each with values of its own."""
+        return (self,)
 
     @property
     def shared(self) -> bool:

@@ -3,12 +3,14 @@
 made = make_conclusion(judgement, baseline, rng)
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from envs.effects import Effect
 from envs.plant import Fixed
 from sim2real.diagnosis.evidence import Band, Pair, Rung, SingleFit
 from sim2real.diagnosis.inference.baseline import Baseline
@@ -55,10 +57,12 @@ class Conclusion:
 
 
 class _Part(NamedTuple):
-    """One member of the answer: its place among the hypothesis's, and what is lost without it."""
+    """One change of the answer; a member that each joint has a value of its own for has several."""
 
-    place: int
-    lost: float  # nats
+    member: Member
+    column: slice  # of the fit's values
+    place: int  # of the member, among the hypothesis's
+    lost: float  # nats, without it
 
 
 def make_conclusion(
@@ -74,24 +78,25 @@ def make_conclusion(
     best = judgement.best
     error = judgement.judge.replay_errors(best)
     parts = _parts(judgement)
-    alike = [find_equivalents(judgement, part.place) for part in parts]
-    others = [member for own in alike for member, _ in own]
+    by_place = [find_equivalents(judgement, n) for n in range(len(best.hypothesis.members))]
+    others = [member for own in by_place for member, _ in own]
+    alike = [by_place[part.place] for part in parts]
     ends, correlation = compute_intervals(judgement.judge.fitter, best, others)
     closed, ci = baseline.closed(error)
     lost = np.array([max(part.lost, 0.0) for part in parts])
     shares = closed * lost / max(float(lost.sum()), TINY)
     causes = [
-        _cause(judgement, part.place, ends, own, float(share))
+        _cause(judgement, part, ends, own, float(share))
         for part, own, share in zip(parts, alike, shares, strict=True)
     ]
     if judgement.verdict not in ("explained", "partly_explained"):
         causes, parts = [], []
-    places = [p.place for p in parts if get_effect(best.hypothesis.members[p.place]) is not None]
-    firsts = [best.hypothesis.columns[place].start for place in places]
+    effects = [(get_effect(part.member), part.column) for part in parts]
+    firsts = [column.start for effect, column in effects if effect is not None]
     named = frozenset(range(len(causes)))
     after = error if named else baseline.errors
     where, spectrum = baseline.locate(after if named else None, rng)
-    found = effects_of(best, places)
+    found = _known(best, effects)
     return Conclusion(
         _report(judgement, baseline, causes, after, (closed, ci), where),
         found,
@@ -101,16 +106,19 @@ def make_conclusion(
         spectrum,
         {frozenset(): baseline.errors, named: after},
         correlation[np.ix_(firsts, firsts)],
-        _explanations(found, best, alike) if len(places) == len(causes) else (),
+        _explanations(found, best, alike) if len(found) == len(causes) else (),
     )
 
 
-def effects_of(fit: Fit, places: Sequence[int] | None = None) -> tuple[Fixed, ...]:
-    """Return the effects of a fit with their values; of the members at some places, or of all."""
-    members, columns = fit.hypothesis.members, fit.hypothesis.columns
-    chosen = range(len(members)) if places is None else places
-    effects = [(get_effect(members[place]), fit.mean[columns[place]]) for place in chosen]
-    return tuple((effect, tuple(map(float, v))) for effect, v in effects if effect is not None)
+def effects_of(fit: Fit) -> tuple[Fixed, ...]:
+    """Return the effects of a fit with their values."""
+    return _known(fit, [(get_effect(member), column) for member, column, _ in fit.hypothesis.parts])
+
+
+def _known(fit: Fit, effects: Sequence[tuple[Effect | None, slice]]) -> tuple[Fixed, ...]:
+    """Return the effects that there are, with their values of a fit."""
+    own = [(effect, fit.mean[column]) for effect, column in effects if effect is not None]
+    return tuple((effect, tuple(map(float, values))) for effect, values in own)
 
 
 def _report(
@@ -171,14 +179,17 @@ def _push(judgement: Judgement, push: Pushed) -> Cause:
 
 
 def _parts(judgement: Judgement) -> list[_Part]:
-    """Return the members of the answer, the one that is missed most first."""
+    """Return the changes of the answer, those of the member that is missed most first."""
     best, given = judgement.best, judgement.given
     known = {fit.label: fit for fit in [given, *judgement.rivals]}
-    parts = []
-    for place in range(len(best.hypothesis.members)):
-        rest = known.get(best.hypothesis.without(place).label, given)
-        parts.append(_Part(place, best.total - rest.total))
-    return sorted(parts, key=lambda part: -part.lost)
+    lost = [
+        best.total - known.get(best.hypothesis.without(place).label, given).total
+        for place in range(len(best.hypothesis.members))
+    ]
+    parts = best.hypothesis.parts
+    count = Counter(place for _, _, place in parts)
+    found = [_Part(*part, lost[part[2]] / count[part[2]]) for part in parts]
+    return sorted(found, key=lambda part: -lost[part.place])
 
 
 def find_equivalents(judgement: Judgement, place: int) -> list[tuple[Member, Fit]]:
@@ -204,15 +215,15 @@ def _equivalent(judgement: Judgement, member: Member, fit: Fit) -> Equivalent:
 
 def _cause(
     judgement: Judgement,
-    place: int,
+    part: _Part,
     ends: np.ndarray,
     alike: Sequence[tuple[Member, Fit]],
     closed: float,
 ) -> Cause:
-    """Return a member of the answer as a cause."""
-    best = judgement.best
-    member, column = best.hypothesis.members[place], best.hypothesis.columns[place]
-    names = {member.label, *(other.label for other, _ in alike)}
+    """Return a change of the answer as a cause."""
+    best, member, column = judgement.best, part.member, part.column
+    own = best.hypothesis.members[part.place].label
+    names = {own, *(other.label for other, _ in alike)}
     sure = sum(
         float(chance)
         for fit, chance in zip([best, *judgement.rivals], judgement.probability, strict=True)

@@ -86,7 +86,7 @@ class Hypothesis:
     @property
     def effects(self) -> tuple[Candidate, ...]:
         """What differs in the simulation."""
-        return tuple(m for m in self.members if isinstance(m, Candidate))
+        return tuple(p for m in self.members if isinstance(m, Candidate) for p in m.parts)
 
     @property
     def changes(self) -> tuple[LogChange, ...]:
@@ -119,6 +119,16 @@ class Hypothesis:
         ends = np.cumsum([len(m.neutral) for m in self.members], dtype=int)
         return [slice(e - len(m.neutral), e) for m, e in zip(self.members, ends, strict=True)]
 
+    @property
+    def parts(self) -> list[tuple[Member, slice, int]]:
+        """What its members consist of, where the values of each are, and of which member it is."""
+        found: list[tuple[Member, slice, int]] = []
+        for place, (member, column) in enumerate(zip(self.members, self.columns, strict=True)):
+            start = column.start
+            for part in member.parts:
+                found.append((part, slice(start, start := start + len(part.neutral)), place))
+        return found
+
     @cached_property
     def low(self) -> np.ndarray:
         """Smallest values, (P,)."""
@@ -135,7 +145,7 @@ class Hypothesis:
         Those that each member declares; of the robot and the world also so many times the largest
         probe, which an effect takes from the robot's own sizes.
         """
-        pairs = [_bounds_of(member, reach) for member in self.members]
+        pairs = [_bounds_of(member, reach) for member in (*self.effects, *self.changes)]
         none = np.zeros(0)
         return (
             np.concatenate([none, *(low for low, _ in pairs)]),

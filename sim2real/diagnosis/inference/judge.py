@@ -137,6 +137,9 @@ class Judge:
             if not self.search.refine(best, starts, tried):
                 break
             before, best = best, self.choose(tried)
+            if not self.is_enough(best):
+                self.search.untie(best, vocabulary.effects, tried)
+                best = self.choose(tried)
             longer = len(best.hypothesis.members) > len(before.hypothesis.members)
             if not longer or self.is_enough(best):
                 break

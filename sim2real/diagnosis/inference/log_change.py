@@ -1,5 +1,7 @@
 """One thing that may be wrong with a log: its values, and the log without it."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -54,6 +56,11 @@ class LogChange:
     seconds: Pair | None = None
     variant: str | None = None
     robot: Effect | None = None
+
+    @property
+    def parts(self) -> tuple[LogChange, ...]:
+        """Itself: what its values are of."""
+        return (self,)
 
     @property
     def label(self) -> str:

@@ -13,6 +13,7 @@ from sim2real.diagnosis.inference.fit import Fit, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
 from sim2real.diagnosis.inference.log_change import LogChange
 from sim2real.diagnosis.inference.score import FOLDS
+from sim2real.diagnosis.inference.untied import Untied, untie
 
 ALIKE = ("unit", "place", "where", "variant", "how")  # what laws of one kind have in common
 
@@ -42,6 +43,8 @@ def _compatible(one: Member, other: Member) -> bool:
         return False
     if isinstance(one, LogChange) or isinstance(other, LogChange):
         return True
+    if one.name == other.name and (isinstance(one, Untied) or isinstance(other, Untied)):
+        return False
     return not in_the_way(one.effect, other.effect)
 
 
@@ -80,7 +83,7 @@ def list_simpler(fit: Fit, place: int, others: Iterable[Member]) -> list[Start]:
         others: what may stand there.
     """
     member, column = fit.hypothesis.members[place], fit.hypothesis.columns[place]
-    if not isinstance(member, Candidate):
+    if not isinstance(member, Candidate) or isinstance(member, Untied):
         return []
     rest, values = without(fit, place), fit.values[:, column]
     base = replace(fit, hypothesis=rest.hypothesis, values=rest.points[0])
@@ -109,6 +112,24 @@ def _is_simpler(other: Candidate, member: Candidate) -> bool:
     pairs = ((getattr(one.effect, name) for one in (other, member)) for name in ALIKE)
     same = all(one == two for one, two in pairs)
     return same and set(_names_of(other)) < set(_names_of(member))
+
+
+def list_untied(fit: Fit, options: Sequence[Candidate]) -> list[Start]:
+    """Return a fit with a value for each joint in the place of one for all, a member at a time.
+
+    Args:
+        fit: the explanation.
+        options: what the robot may have.
+    """
+    found = []
+    for place, column in enumerate(fit.hypothesis.columns):
+        more = untie(fit.hypothesis.members[place], options)
+        if more is not None:
+            rest = without(fit, place)
+            base = replace(fit, hypothesis=rest.hypothesis, values=rest.points[0])
+            point = np.tile(fit.mean[column], len(more.parts))
+            found.append(join_members(base, (more,), point[None]))
+    return found
 
 
 def is_part(one: Hypothesis, other: Hypothesis) -> bool:

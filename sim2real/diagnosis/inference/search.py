@@ -16,10 +16,17 @@ from typing import Protocol
 
 import numpy as np
 
+from sim2real.diagnosis.inference.candidates import Candidate
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.glance import HALVES, Glance, Quick
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
-from sim2real.diagnosis.inference.moves import list_simpler, pick_distinct, restart, without
+from sim2real.diagnosis.inference.moves import (
+    list_simpler,
+    list_untied,
+    pick_distinct,
+    restart,
+    without,
+)
 from sim2real.diagnosis.inference.replayer import Replayer
 from sim2real.diagnosis.inference.screen import (
     Line,
@@ -112,6 +119,10 @@ class Search:
         if alone and not judge.is_enough(judge.choose(tried)):
             self._fit(pick_pairs(self.glance, base, lines, most), tried)
         return True
+
+    def untie(self, best: Fit, options: Sequence[Candidate], tried: dict[str, Fit]) -> None:
+        """Fit a value for each joint where the best has one for all into what was tried."""
+        keep_better(self.quick.fit(list_untied(best, options)), tried)
 
     def swap(self, best: Fit, tried: dict[str, Fit]) -> None:
         """Fit what does about the same as each member in its place."""

@@ -19,6 +19,7 @@ from sim2real.diagnosis.inference.fit import Start
 from sim2real.diagnosis.inference.hypotheses import Member, get_joints
 from sim2real.diagnosis.inference.log_changes import list_log_changes
 from sim2real.diagnosis.inference.moves import make_start
+from sim2real.diagnosis.inference.untied import get_untied_label
 from sim2real.diagnosis.inference.world_changes import list_world_changes
 
 RIPPLE = "cogging"
@@ -56,16 +57,16 @@ class Vocabulary:
     ) -> None:
         self.data = data
         every = list_effects(data, fixed) if robot else []
-        effects = [member for member in every if member.name not in exclude]
+        self.effects = [member for member in every if member.name not in exclude]
         self.excluded = [member for member in every if member.name in exclude]
-        known = {member.label for member in effects}
+        known = {member.label for member in self.effects}
         changes = list_log_changes(data) if log else []
         changes = [c for c in changes if c.robot is None or c.label in known]
         undone = {change.label for change in changes}
         found: list[Member] = [*changes]
-        found += [member for member in effects if member.label not in undone]
+        found += [member for member in self.effects if member.label not in undone]
         self.choices = max(len(found), 1)  # that a change is one of
-        self.members = [one for one in found if only is None or one.label in only]
+        self.members = [one for one in found if only is None or _is_one_of(one, only)]
 
     def list_starts(self, errors: np.ndarray, joints: Collection[str]) -> list[Start]:
         """Return each change by itself that some joints can show, and where its fit begins.
@@ -89,3 +90,8 @@ class Vocabulary:
         if isinstance(member, Candidate) and member.name == RIPPLE:
             return with_ripples(member, self.data, errors)
         return member
+
+
+def _is_one_of(member: Member, labels: Collection[str]) -> bool:
+    """Return whether labels name a change, be it with a value of its own at each joint."""
+    return member.label in labels or get_untied_label(member.label) in labels

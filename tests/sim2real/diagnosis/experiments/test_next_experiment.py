@@ -9,6 +9,7 @@ import pytest
 
 from envs.effects import make
 from envs.plant import Fixed
+from envs.replay import Recording, with_impedance
 from hardware.config import load_robot
 from hardware.excite import Kind
 from sim2real.deployment.record import record_motions
@@ -17,11 +18,13 @@ from sim2real.diagnosis.experiments.menu import Item, menu
 from sim2real.diagnosis.experiments.next_experiment import (
     Experiment,
     _Near,
+    _repeat_gains,
     next_experiment,
     stand_in,
 )
 from sim2real.diagnosis.settings import DEFAULT
 from sim2real.runs.errors import Sim2RealError
+from tests.sim2real.diagnosis import motors
 
 FLOOR = {"hinge": 5e-4}
 
@@ -93,6 +96,28 @@ def test_drawn_motions_are_named_so_that_record_repeats_them() -> None:
     item = plan.item
     assert f"seconds=4 size={item.size:g} seed={item.seed}`" in plan.text
     assert f"{item.size:.0%}" in item.name
+
+
+def test_joints_under_impedance_control_move_with_their_usual_gains() -> None:
+    """A command alone says nothing there: gains are the recordings', and no torque is sent."""
+    gains = {"a": (6.0, 0.4), "b": (4.0, 0.2)}
+    spec = with_impedance(motors.spec(), gains)
+    time = np.arange(100) / motors.RATE
+    law = np.zeros((100, 2, 4))
+    law[..., :2], law[:10, :, 3] = list(gains.values()), 0.3
+    past = Recording(time, np.sin(3 * time)[:, None] * [0.4, -0.3], *np.zeros((2, 2)), law=law)
+    pair = (
+        member("coulomb_friction", [0.05], where="a"),
+        member("viscous_friction", [0.08], where="a"),
+    )
+    rng, floor = np.random.default_rng(0), dict.fromkeys("ab", 5e-4)
+    plan = next_experiment(pair, spec, floor, rng=rng, past=[past], by_hand=False, longest=8.0)
+    assert plan.separation > 3
+    usual = _repeat_gains([past], 7)
+    assert usual is not None
+    assert usual.shape == (7, 2, 4)
+    np.testing.assert_array_equal(usual[3], [[6.0, 0.4, 0.0, 0.0], [4.0, 0.2, 0.0, 0.0]])
+    assert _repeat_gains([past._replace(law=None)], 7) is None
 
 
 def test_the_shortest_motion_that_is_enough_is_worth_most() -> None:
