@@ -39,6 +39,7 @@ from sim2real.diagnosis.settings import Contract
 
 HUGE = 1e30  # nats: a way that is none
 FEW = "too few rows to compare"
+TIMED = ("rate", "filter")  # mistakes that are tried at the described age alone
 
 
 def decode(target: Target, ways: Sequence[Variant], rows: Rows, limits: Contract) -> Stage:
@@ -96,7 +97,7 @@ class _Search:
         """Return the best way of each variant, age, gain and pose."""
         made, limits = [], self.limits
         for way, age in product(ways, range(limits.ages_max + 1)):
-            if age != way.age and way.mistake and len(ways) > limits.ways_few:
+            if age != way.age and way.mistake and way.mistake.fault in TIMED:
                 continue
             moments = self._moments(way, age)
             for gain in gains(self.target, moments, limits.free_price, way.offset * self.seen):
@@ -154,7 +155,7 @@ class _Search:
             sure = self._sure(plain, best, wrong)
         for one in changed:
             fault = target.stage, one.fault, one.where, one.text, one.fix
-            rivals = _rivals(one, changed, others)[: limits.set_max - 1]
+            rivals = _rivals(one, changed, others)
             made.append(Finding(*fault, old, new, sure, one.value, rivals))
         left = float(after.max())
         if left > limits.unexplained:
@@ -239,10 +240,10 @@ class _Search:
             np.sum((scale * (self.logged - self._predict(way)))[:, wrong] ** 2, axis=1)
             for way in (plain, best)
         ]
-        blocks = np.array_split(np.arange(len(self.use)), limits.blocks)
+        blocks = np.array_split(np.arange(len(self.use)), limits.rows_min)
         sums = np.array([[error[b].sum() for b in blocks] for error in errors])  # (2, blocks)
         rng = np.random.default_rng(0)
-        drawn = rng.integers(limits.blocks, size=(limits.draws, limits.blocks))
+        drawn = rng.integers(limits.rows_min, size=(limits.draws, limits.rows_min))
         old, new = sums[:, drawn].sum(axis=-1)  # (draws,) each
         return float(np.mean(new <= limits.margin**2 * old))
 

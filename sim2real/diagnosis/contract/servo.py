@@ -1,7 +1,7 @@
 """Gains, rate and clocks: what the servos and the recorder did with the contract.
 
-check_gains(rows, about, limits)            # kp and kd from the torque that joints then had
-check_rate(logs, about, limits)
+check_gains(stage, rows, about, settings)   # kp and kd from the torque that joints then had
+check_rate(stage, logs, about, settings)
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,17 +18,16 @@ from sim2real.diagnosis.settings import Settings
 TORQUE = "sensor.torque_"  # N·m, of an actuator
 
 
-def check_gains(rows: Rows, about: Description, settings: Settings) -> Stage:
+def check_gains(stage: Stage, rows: Rows, about: Description, settings: Settings) -> None:
     """Regress torque on error and speed, and compare with the described gains."""
-    stage = Stage()
     if about.action.kp is None:
-        return stage
+        return
     logged = [f"{TORQUE}{name}" for name in about.actuators]
     speeds = [f"qvel.{name}" for name in about.joints]
     if not rows.has([*logged, *speeds]):
         text = f"kp and kd need {TORQUE}<actuator> and qvel.<joint>, which are not logged"
         stage.open("gains", text)
-        return stage
+        return
     torque, speed = rows.matrix(logged), rows.matrix(speeds)
     error = rows.matrix([f"ctrl.{name}" for name in about.actuators])
     # what was measured before a row's command answers to the command before it
@@ -52,7 +51,6 @@ def check_gains(rows: Rows, about: Description, settings: Settings) -> Stage:
     for key, of in ratios.items():
         off = {name: ratio for name, ratio in of.items() if not low <= ratio <= high}
         stage.findings += _gain_findings(key, off, len(about.joints), settings)
-    return stage
 
 
 def _gain_findings(
@@ -70,9 +68,8 @@ def _gain_findings(
         yield Finding("gains", key, name, text, fix, abs(ratio - 1), 0.0, None, ratio)
 
 
-def check_rate(logs: Sequence[Log], about: Description, settings: Settings) -> Stage:
+def check_rate(stage: Stage, logs: Sequence[Log], about: Description, settings: Settings) -> None:
     """Compare the rows' interval with the described rate, and ask whether times were measured."""
-    stage = Stage()
     steps = [np.diff(part.time) for log in logs for part in log.episodes()]
     rate = 1.0 / float(np.median(np.concatenate(steps)))
     off = abs(rate / about.rate - 1)
@@ -86,4 +83,3 @@ def check_rate(logs: Sequence[Log], about: Description, settings: Settings) -> S
             stage.findings.append(
                 Finding("clock", clock.check, "rows", clock.finding, clock.fix, 0.0, 0.0)
             )
-    return stage

@@ -28,7 +28,9 @@ def commands(path: Path, action: np.ndarray, sent: np.ndarray, limited: np.ndarr
     columns |= {f"qpos.{name}": rounded[:, i] for i, name in enumerate(JOINTS)}
     columns |= {f"ctrl.{name}": rounded[:, i] for i, name in enumerate(JOINTS)}
     rows = Rows.of([Log(columns, {})])
-    return check_action(rows, described(path / "OBS.yaml"), DEFAULT.contract)
+    stage = Stage()
+    check_action(stage, rows, described(path / "OBS.yaml"), DEFAULT.contract)
+    return stage
 
 
 def test_a_wrong_scale_far_from_the_pose_is_no_offset(tmp_path):
