@@ -24,6 +24,9 @@ from sim2real.diagnosis.settings import TINY
 DRIVES = ("motor_strength", "position_gain")  # what a motor's copper and magnets are seen as
 THERMAL = (*FRICTION, "motor_strength")  # grease thins, copper resists, magnets weaken
 LITTLE = 2.0  # standard deviations that are put down to temperature where it is the same: 95 %
+COPPER = 0.004  # 1/K by which it resists more: a motor has as much less strength
+KELVIN = 1.0  # K: servos report whole degrees, so medians this close are equal
+TICK = 1e-3  # s between a servo's readings: sessions differ by up to one, by half of it in the mean
 MOUNTING, SUPPLY = "gravity_tilt", "supply_voltage"
 
 
@@ -68,8 +71,8 @@ def confounders(
     excused, little, known, same = [], [], [], []
     was, now = _medians(data, "temperature", before, after)
     rise = None if was is None or now is None else now - was
-    warmer = max(limits.unknown_warmer if rise is None else abs(rise), limits.same_temperature)
-    if warmer == limits.same_temperature and rise is not None:
+    warmer = max(limits.unknown_warmer if rise is None else abs(rise), KELVIN)
+    if warmer == KELVIN and rise is not None:
         little = common
         warm = "close enough: next to nothing is put down to it"
     else:
@@ -101,11 +104,11 @@ def confounders(
         Confounder("mounting", None, None, "", stands),
     )
     own = _sizes(columns, made.friction)
-    count, clocks = len(columns), np.full(len(data.joints), limits.clock)
+    count, clocks = len(columns), np.full(len(data.joints), TICK / 2)
     prior = Prior(np.zeros(count + len(clocks)), np.append(np.full(count, np.inf), clocks))
     for k in common:
         friction = columns[k].option.name in FRICTION
-        size = own[k] * (limits.warm_friction if friction else limits.warm_strength)
+        size = own[k] * (limits.warm_friction if friction else COPPER)
         prior.mean[k], prior.spread[k] = -(rise or 0.0) * size, max(warmer * size, TINY)
     reach = np.full(count, np.inf)
     reach[little] = LITTLE * prior.spread[little]

@@ -29,13 +29,13 @@ class Pieces(NamedTuple):
     after: np.ndarray | None  # (B,) bool: the side of each; None for differences of two sides
     rows: int  # compared numbers, all pieces
     logs: bool  # whether the pieces are whole logs
-    before_rms: np.ndarray  # (M,) of what is compared, by joint [rad or m]
+    rms: np.ndarray  # (M,) of what is compared, by joint, in the unit of errors
 
     @property
     def clocks(self) -> tuple[int, ...]:
         """The columns of the joints' clocks."""
         count = self.curve.shape[1]
-        return tuple(range(count - len(self.before_rms), count))
+        return tuple(range(count - len(self.rms), count))
 
 
 class _Stretch(NamedTuple):
@@ -86,7 +86,7 @@ def contrasts(
     sides = [[one.logs for one in stretches if one.after == side] for side in (False, True)]
     logs = min(len(set(side)) for side in sides if side) >= limits.logs_min
     keys = [one.logs if logs else (*one.logs, one.block) for one in stretches]
-    pieces = _summed(stretches, keys, limits.weight_floor, made.data.scale)
+    pieces = _summed(stretches, keys, limits.weight_floor)
     return pieces._replace(logs=logs, after=None if pairs else pieces.after)
 
 
@@ -122,9 +122,7 @@ def _columns(response: Response, window: int) -> np.ndarray:
     return np.concatenate([response.change[:, window], clocks])
 
 
-def _summed(
-    stretches: Sequence[_Stretch], keys: Sequence[tuple[int, ...]], floor: float, scale: np.ndarray
-) -> Pieces:
+def _summed(stretches: Sequence[_Stretch], keys: Sequence[tuple[int, ...]], floor: float) -> Pieces:
     """Return the sums over each piece, each weighted by its own noise.
 
     The noise of a piece is that of what is off in it, never less than `floor` of the median: a
@@ -146,5 +144,5 @@ def _summed(
         y = (one.wrong * weight[piece]).reshape(-1)
         curve[piece] += x @ x.T
         down[piece] -= x @ y
-    rms = np.sqrt(square.sum(axis=0) / size.sum()) * scale
+    rms = np.sqrt(square.sum(axis=0) / size.sum())
     return Pieces(curve, down, after, int(size.sum()) * joints, False, rms)

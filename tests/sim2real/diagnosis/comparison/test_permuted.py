@@ -54,7 +54,7 @@ def changes(
     reach = np.full(COLUMNS - 1, np.inf)
     beside = Confounded((), excused, (), (), (), np.array(least), NOTHING, reach, None)
     permuted = Permuted(made, rng, draws)
-    return find_changes(permuted, columns, beside, NOTHING, DEFAULT, DEFAULT.compared.alpha)
+    return find_changes(permuted, columns, beside, DEFAULT, DEFAULT.compared.alpha)
 
 
 @pytest.mark.parametrize("sided", [False, True], ids=["differences", "sides"])
