@@ -27,8 +27,7 @@ from sim2real.diagnosis.comparison.changes import (
     as_untold,
     find_changes,
 )
-from sim2real.diagnosis.comparison.confounders import SUPPLY, Confounded, confounders
-from sim2real.diagnosis.comparison.excused import excuse
+from sim2real.diagnosis.comparison.confounders import SUPPLY, Confounded, confounders, excuse
 from sim2real.diagnosis.comparison.permuted import Permuted
 from sim2real.diagnosis.comparison.pieces import Pieces, contrasts
 from sim2real.diagnosis.comparison.prepared import Prepared, prepare
@@ -72,7 +71,8 @@ def compare(
     """
     sides = {"before": before, "after": after}
     asked = _asked(sides, model, effects, watch, limits, remounted, seed, settings)
-    return _compared(asked, *asked.sides.values())
+    first, second = asked.sides.values()
+    return _compared(asked, first, second)
 
 
 def compare_fleet(

@@ -141,31 +141,23 @@ def is_friction(option: Candidate) -> bool:
 
 def watched(data: Data, known: Sequence[Fixed], names: Sequence[str]) -> Watch:
     """Return the effects of these names that the robot can have, one variant at each place."""
-    every = candidates(data)
     kept: dict[tuple[str, str | None], Candidate] = {}
-    for option in every:
+    variants: dict[tuple[str, str | None, str | None, int], Candidate] = {}
+    for option in candidates(data):
+        own = option.effect
+        variants.setdefault((own.name, own.where, own.side, len(option.neutral)), option)
         if option.name in names and not (option.shared and len(data.joints) == 1):
-            kept.setdefault((option.name, option.effect.where), option)
+            kept.setdefault((own.name, own.where), option)
     watch = Watch((), {}, ())
     for effect, values in known:
-        option = None if effect.composes else _option(every, (effect, values))
-        if option is None:
+        option = variants.get((effect.name, effect.where, effect.side, len(values)))
+        if option is None or effect.composes:
             watch = watch._replace(fixed=(*watch.fixed, (effect, values)))
         else:
             watch = watch.having(option, np.array(values, float))
             if (effect.name, effect.where) in kept:
                 kept[effect.name, effect.where] = option
     return watch._replace(options=tuple(kept.values()))
-
-
-def _option(every: Sequence[Candidate], known: Fixed) -> Candidate | None:
-    """Return the candidate that is a known effect, whose values can be changed."""
-    effect, values = known
-    wanted = (effect.name, effect.where, effect.side, len(values))
-    return next(
-        (o for o in every if (o.name, o.effect.where, o.effect.side, len(o.neutral)) == wanted),
-        None,
-    )
 
 
 def errors(simulator: Simulator, watch: Watch, windows: np.ndarray) -> np.ndarray:

@@ -23,7 +23,8 @@ from sim2real.diagnosis.settings import DEFAULT
 from sim2real.diagnosis.settings import Experiment as Limits
 
 GRAM = 1e-3  # kg
-HALF = 0.5  # of the P gain
+HALF = 0.5  # of the P gain; of gravity, which a tilted base takes to the side
+TILT = np.arcsin(HALF)  # rad
 LEAD, SPHERE = 11_340.0, 4 / 3 * np.pi  # kg/m^3; volume of a ball of radius 1
 LENGTHS = (0.5, 1.0, 2.0)  # of drawn motions, in lengths of the menu's
 SEEDS = 2**31  # of drawn motions: fewer than so many
@@ -38,7 +39,8 @@ class Item(NamedTuple):
         seconds: of the motion.
         size: part of the way to the nearer limit that it goes.
         seed: of its phases and poses.
-        setup: seconds that it takes besides the motion, to change something by hand.
+        setup: seconds that it takes besides the motion, to change something by hand; a register is
+            written in no time.
         by_hand: what to change first; None for nothing.
         change: the same, done to a model.
         override: the same for the command line of `record`; None where a hand has to do it.
@@ -84,7 +86,7 @@ def menu(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> list[Ite
     """Return the motions that a robot can be asked for; what its model cannot show is left out."""
     item = partial(Item, seconds=settings.motion_s, size=settings.size)
     by_hand = partial(item, setup=settings.hand_s)
-    supply, mass, degrees = settings.supply, _spare_mass(spec, settings), np.rad2deg(settings.tilt)
+    supply, mass, degrees = settings.supply, _spare_mass(spec, settings), np.rad2deg(TILT)
     load = by_hand(
         f"ramps and steps with {mass / GRAM:.0f} g at the end",
         ("ramp", "steps"),
@@ -96,7 +98,6 @@ def menu(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> list[Ite
         item(
             "steps and holds at half the P gain",
             ("steps", "hold"),
-            setup=settings.gain_s,
             by_hand="halve the P gain",
             change=partial(_scale, HALF, 1.0),
             override=lambda robot: f"robot.registers.position_p_gain={_lower_gain(robot)}",
@@ -112,7 +113,7 @@ def menu(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> list[Ite
             f"ramps and holds with the base tilted by {degrees:.0f} degrees",
             ("ramp", "hold"),
             by_hand=f"tilt the base by {degrees:.0f} degrees about its y axis",
-            change=partial(_tilt, settings.tilt),
+            change=_tilt,
         ),
     ]
 
@@ -160,8 +161,8 @@ def _load(mass: float, spec: mujoco.MjSpec) -> None:
     load.add_geom(type=ball, size=size, mass=mass, contype=0, conaffinity=0)
 
 
-def _tilt(angle: float, spec: mujoco.MjSpec) -> None:
+def _tilt(spec: mujoco.MjSpec) -> None:
     """Tilt the base about its y axis: gravity turns the other way."""
     x, y, z = spec.option.gravity
-    c, s = np.cos(angle), np.sin(angle)
+    c, s = np.cos(TILT), np.sin(TILT)
     spec.option.gravity = np.array([c * x + s * z, y, c * z - s * x])

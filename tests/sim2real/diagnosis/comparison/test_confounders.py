@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from sim2real.diagnosis.comparison.confounders import confounders
-from sim2real.diagnosis.comparison.excused import excuse
+from sim2real.diagnosis.comparison.confounders import confounders, excuse
 from sim2real.diagnosis.comparison.pieces import contrasts
 from sim2real.diagnosis.comparison.prepared import prepare
 from sim2real.diagnosis.settings import DEFAULT
