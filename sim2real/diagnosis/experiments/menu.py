@@ -39,8 +39,6 @@ class Item(NamedTuple):
         seconds: of the motion.
         size: part of the way to the nearer limit that it goes.
         seed: of its phases and poses.
-        setup: seconds that it takes besides the motion, to change something by hand; a register is
-            written in no time.
         by_hand: what to change first; None for nothing.
         change: the same, done to a model.
         override: the same for the command line of `record`; None where a hand has to do it.
@@ -51,10 +49,14 @@ class Item(NamedTuple):
     seconds: float = DEFAULT.experiment.motion_s
     size: float = DEFAULT.experiment.size
     seed: int = 0
-    setup: float = 0.0
     by_hand: str | None = None
     change: Callable[[mujoco.MjSpec], None] | None = None
     override: Callable[[Robot], str] | None = None
+
+    @property
+    def needs_hand(self) -> bool:
+        """Whether somebody has to change something first; a register is written in no time."""
+        return self.by_hand is not None and self.override is None
 
 
 WORDS: dict[Kind, str] = {
@@ -85,9 +87,8 @@ def drawn(
 def menu(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> list[Item]:
     """Return the motions that a robot can be asked for; what its model cannot show is left out."""
     item = partial(Item, seconds=settings.motion_s, size=settings.size)
-    by_hand = partial(item, setup=settings.hand_s)
     supply, mass, degrees = settings.supply, _spare_mass(spec, settings), np.rad2deg(TILT)
-    load = by_hand(
+    load = item(
         f"ramps and steps with {mass / GRAM:.0f} g at the end",
         ("ramp", "steps"),
         by_hand=f"fix {mass / GRAM:.0f} g to the end of the last link",
@@ -102,14 +103,14 @@ def menu(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> list[Ite
             change=partial(_scale, HALF, 1.0),
             override=lambda robot: f"robot.registers.position_p_gain={_lower_gain(robot)}",
         ),
-        by_hand(
+        item(
             f"steps and a chirp at {supply:.0%} of the supply",
             ("steps", "chirp"),
             by_hand=f"lower the supply's voltage to {supply:.0%}",
             change=partial(_scale, supply, supply),  # back-EMF does not go with the voltage
         ),
         *([load] if mass > 0 else []),
-        by_hand(
+        item(
             f"ramps and holds with the base tilted by {degrees:.0f} degrees",
             ("ramp", "hold"),
             by_hand=f"tilt the base by {degrees:.0f} degrees about its y axis",
