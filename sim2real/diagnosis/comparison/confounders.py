@@ -43,10 +43,10 @@ class Confounded(NamedTuple):
     """The confounders, and what they say of P columns and of the clocks of M joints."""
 
     listed: tuple[Confounder, ...]
-    excused: tuple[int, ...]  # columns that temperature or mounting may have changed
-    little: tuple[int, ...]  # columns that temperature may have changed a little
-    known: tuple[int, ...]  # columns that a sensor says have changed
-    ruled_out: tuple[int, ...]  # columns that a sensor says are as before
+    excused: Sequence[int]  # columns that temperature or mounting may have changed
+    little: Sequence[int]  # columns that temperature may have changed a little
+    known: Sequence[int]  # columns that a sensor says have changed
+    ruled_out: Sequence[int]  # columns that a sensor says are as before
     least: np.ndarray  # (P,) size of a change of each column below which it may be temperature
     prior: Prior  # (P + M,) of what temperature does, and of the joints' clocks
     supply: float | None  # relative change of the measured voltage; None: none, or not logged
@@ -77,7 +77,7 @@ def confounders(
     thermal, tilts, supplies = named(*THERMAL), named(MOUNTING), named(SUPPLY)
     common = [k for k in thermal if columns[k].option.shared]
     excused, little, known, same = [], [], [], []
-    was, now = _medians(data, "temperature", before, after)
+    was, now = (_median(data, "temperature", side) for side in (before, after))
     rise = None if was is None or now is None else now - was
     warmer = max(limits.unknown_warmer if rise is None else abs(rise), KELVIN)
     if warmer == KELVIN and rise is not None:
@@ -92,7 +92,7 @@ def confounders(
         )
         if not common:
             warm += "; this robot has one joint, so friction and strength may be temperature"
-    supply, (low, high) = None, _medians(data, "voltage", before, after)
+    supply, (low, high) = None, (_median(data, "voltage", side) for side in (before, after))
     if low is None or high is None:
         volts = "log voltage.<actuator>: a weaker supply shows in the motion alone"
     elif abs(high / low - 1) >= limits.same_voltage:
@@ -119,8 +119,7 @@ def confounders(
         size = own[k] * (limits.warm_friction if friction else COPPER)
         prior.mean[k], prior.spread[k] = -(rise or 0.0) * size, max(warmer * size, TINY)
     least = limits.unequal * warmer * own
-    columns_of = (tuple(excused), tuple(little), tuple(known), tuple(same))
-    return Confounded(listed, *columns_of, least, prior, supply)
+    return Confounded(listed, excused, little, known, same, least, prior, supply)
 
 
 def _sizes(columns: Sequence[Column], friction: Mapping[int, float]) -> np.ndarray:
@@ -134,30 +133,24 @@ def _sizes(columns: Sequence[Column], friction: Mapping[int, float]) -> np.ndarr
         place = columns[k].option.place
         whole[place] = whole.get(place, 0.0) + size
     whole[None] = float(np.mean(list(whole.values()))) if whole else 0.0  # shared by all joints
-    names = [column.option.name for column in columns]
-    places = [column.option.place for column in columns]
+    options = [column.option for column in columns]
     return np.array(
         [
-            whole.get(place, 0.0) if name in FRICTION else float(name in DRIVES)
-            for name, place in zip(names, places, strict=True)
+            whole.get(o.place, 0.0) if o.name in FRICTION else float(o.name in DRIVES)
+            for o in options
         ]
     )
 
 
-def _medians(
-    data: Data, kind: str, before: Collection[int], after: Collection[int]
-) -> tuple[float | None, float | None]:
-    """Return the medians over all actuators and rows of both sides; None where not logged."""
-    found = []
-    for side in (before, after):
-        values = [
-            values
-            for number in side
-            for name, values in data.logs[number].columns.items()
-            if name.startswith(f"{kind}.")
-        ]
-        found.append(float(np.median(np.concatenate(values))) if values else None)
-    return found[0], found[1]
+def _median(data: Data, kind: str, side: Collection[int]) -> float | None:
+    """Return the median over all actuators and rows of a side; None where not logged."""
+    values = [
+        values
+        for number in side
+        for name, values in data.logs[number].columns.items()
+        if name.startswith(f"{kind}.")
+    ]
+    return float(np.median(np.concatenate(values))) if values else None
 
 
 def excuse(

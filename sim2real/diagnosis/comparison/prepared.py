@@ -27,6 +27,7 @@ from sim2real.diagnosis.comparison.response import (
 )
 from sim2real.diagnosis.comparison.shared import share
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.recording import powered
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.data.windows import Window, cut_one
 from sim2real.diagnosis.settings import Settings
@@ -138,9 +139,7 @@ def same_rows(one: Log, other: Log, settings: Settings) -> np.ndarray:
     for name in one.actuators:
         first, second = (log.columns[f"ctrl.{name}"][:rows] for log in (one, other))
         own &= np.abs(first - second) <= settings.preflight.same_command
-        if f"torque.{name}" in one.columns and f"torque.{name}" in other.columns:
-            first, second = (log.columns[f"torque.{name}"][:rows] for log in (one, other))
-            own &= (first > 0) == (second > 0)
+        own &= powered(one, name)[:rows] == powered(other, name)[:rows]
     alike[:rows] = own
     return alike
 
