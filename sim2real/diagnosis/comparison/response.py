@@ -83,7 +83,7 @@ class Column(NamedTuple):
         return self.option.label + (f" ({'xyz'[self.place]})" if self.place else "")
 
     @property
-    def range(self) -> tuple[float, float]:
+    def reach(self) -> tuple[float, float]:
         """Smallest and largest change from neutral."""
         own = self.option
         return tuple((end - own.neutral)[self.place] for end in (own.low, own.high))
@@ -117,7 +117,7 @@ class Response(NamedTuple):
     def lines(self, columns: Sequence[int]) -> dict[int, float]:
         """Return these changes by column, each within the range of an effect that is absent."""
         own = zip(columns, self.values(columns), strict=True)
-        return {k: float(np.clip(value, *self.columns[k].range)) for k, value in own}
+        return {k: float(np.clip(value, *self.columns[k].reach)) for k, value in own}
 
     def along(self, changes: Mapping[int, float]) -> np.ndarray:
         """Return the errors (n, T, M) that straight lines leave."""

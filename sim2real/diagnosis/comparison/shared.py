@@ -53,7 +53,7 @@ def share(simulator: Simulator, watch: Watch, windows: np.ndarray) -> Watch:
         if left <= enough * gap:
             more = ", ".join(label for label in tried.shared if label not in watch.shared)
             log_.info("both have %s: %.3g of %.3g is left", more, left, gap)
-            watch, gap = tried._replace(options=every), left
+            watch, gap = tried, left
         elif not rubs:
             break  # the next one would be the same
     return watch

@@ -177,7 +177,7 @@ def _held(rows: Rows, plain: Variant, limits: Contract, fix: str) -> list[Varian
     return [
         Variant(
             Mistake("rate", f"is renewed every {n} rows only", fix),
-            rows.held(plain.values, n, phase),
+            rows.older(plain.values, (rows.since - phase) % n),
             plain.offset,
         )
         for n in range(2, limits.ages_max + 2)
