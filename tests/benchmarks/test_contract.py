@@ -5,13 +5,13 @@ from typing import Any
 import pytest
 
 from benchmarks import contract
-from sim2real.diagnosis.contract.answer import Answer, Finding, Rival
+from sim2real.diagnosis.contract.answer import Answer, Fault, Finding
 
 SIGN = ("observation", "sign", "gyro: x")
 AGE = ("observation", "age", "gyro")
 
 
-def answer(*named: tuple[str, str, str], among: tuple[Rival, ...] = ()) -> Answer:
+def answer(*named: tuple[str, str, str], among: tuple[Fault, ...] = ()) -> Answer:
     """Return an answer that names faults, each with the same rivals."""
     found = tuple(Finding(*one, "text", "fix", 1.0, 0.0, among=among) for one in named)
     return Answer("broken", found, (), {}, {})
@@ -23,7 +23,7 @@ def test_what_counts_as_named() -> None:
     assert contract.named(answer(), [])
     assert not contract.named(answer(SIGN), [SIGN, AGE])
     assert not contract.named(answer(SIGN, AGE), [SIGN])
-    rival = Rival("age", "gyro", "text")
+    rival = Fault("age", "gyro", "text", "fix")
     assert contract.named(answer(SIGN, among=(rival,)), [AGE])
     assert not contract.named(answer(SIGN), [AGE])
 

@@ -25,7 +25,7 @@ from hardware.log import Log
 from sim2real.diagnosis.closed_loop.measured import Episode, episodes_of, histories, shared
 from sim2real.diagnosis.contract.logged import place_of
 from sim2real.diagnosis.schema import ClosedLoop, ClosedLoopVerdict, Distance, Estimate, Returns
-from sim2real.diagnosis.settings import ClosedLoopSettings, Settings
+from sim2real.diagnosis.settings import Settings
 from sim2real.runs.distances import TINY, PooledSamples, standardize
 from sim2real.runs.errors import Sim2RealError
 
@@ -139,15 +139,15 @@ def check_closed_loop(
     if not names:
         raise Sim2RealError("the log and the policy's simulator have no channel in common")
     rng = np.random.default_rng(seed)
-    distances = _distances(every, len(robot), names, rng, limits)
+    distances = _distances(every, len(robot), names, rng, settings)
     return ClosedLoop(
         player.name,
         tuple(names),
         len(robot),
         limits.episodes,
-        _verdict(distances[0], limits),
+        _verdict(distances[0], limits.negligible),
         distances,
-        _returns([robot, *worlds], rng, limits) if known else None,
+        _returns([robot, *worlds], rng, settings.bootstrap.draws) if known else None,
     )
 
 
@@ -170,19 +170,20 @@ def _distances(
     own: int,
     names: Sequence[str],
     rng: np.random.Generator,
-    settings: ClosedLoopSettings,
+    settings: Settings,
 ) -> tuple[Distance, ...]:
     """Return both distances of the robot's `own` first episodes from themselves and the rest."""
-    samples, group = histories(every, names, settings)
+    samples, group = histories(every, names, settings.closed_loop)
     real = samples[group < own]
     moved = real.std(axis=0) > TINY
     scaled = standardize(real[:, moved], samples[:, moved])
     pool = PooledSamples(scaled, group, rng)
-    half, worlds = own // 2, range(own, len(every), settings.episodes)  # where each begins
+    half, episodes = own // 2, settings.closed_loop.episodes
+    worlds = range(own, len(every), episodes)  # where each begins
     rows: dict[str, list[list[float]]] = {"sliced_wasserstein": [], "mmd": []}
-    for _ in range(settings.draws):
+    for _ in range(settings.bootstrap.draws):
         dealt = rng.permutation(own)
-        drawn = [begin + rng.choice(settings.episodes, half, replace=False) for begin in worlds]
+        drawn = [begin + rng.choice(episodes, half, replace=False) for begin in worlds]
         first, *others = (
             np.bincount(chosen, minlength=len(every))
             for chosen in (dealt[:half], dealt[half : 2 * half], *drawn)
@@ -206,10 +207,10 @@ def _interval(values: np.ndarray) -> Estimate:
     return Estimate(float(values.mean()), (float(low), float(high)))
 
 
-def _verdict(one: Distance, settings: ClosedLoopSettings) -> ClosedLoopVerdict:
+def _verdict(one: Distance, negligible: float) -> ClosedLoopVerdict:
     """Return what a sliced Wasserstein distance says of the last simulator that played."""
     last = one.nominal if one.corrected is None else one.corrected
-    if last.value <= max(one.floor.ci[1], settings.negligible):
+    if last.value <= max(one.floor.ci[1], negligible):
         return "within_floor"
     if one.nearer is None:
         return "apart"
@@ -219,7 +220,7 @@ def _verdict(one: Distance, settings: ClosedLoopSettings) -> ClosedLoopVerdict:
 
 
 def _returns(
-    worlds: Sequence[Sequence[Episode]], rng: np.random.Generator, settings: ClosedLoopSettings
+    worlds: Sequence[Sequence[Episode]], rng: np.random.Generator, draws: int
 ) -> Returns | None:
     """Return what the task paid on the robot and in the simulators; None where nobody knows.
 
@@ -231,6 +232,6 @@ def _returns(
     means = []
     for world in paid:
         values = np.array(world, float)
-        again = values[rng.integers(len(values), size=(settings.draws, len(values)))]
+        again = values[rng.integers(len(values), size=(draws, len(values)))]
         means.append(replace(_interval(again.mean(axis=1)), value=float(values.mean())))
     return Returns(means[0], means[1], means[2] if means[2:] else None)

@@ -1,6 +1,6 @@
 """Which effects changed: the clearest is named, and the others are tested again with it.
 
-    found = find_changes(permuted, columns, beside, prior, settings, alpha)
+    found = find_changes(permuted, columns, beside, settings, alpha)
     found.named, found.every
 
 A change is named while the largest |t| of all effects is larger than chance makes it, and while
@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 from sim2real.diagnosis.comparison.answer import Alike, Change
 from sim2real.diagnosis.comparison.confounders import Confounded
-from sim2real.diagnosis.comparison.permuted import Permuted, Prior, Tests
+from sim2real.diagnosis.comparison.permuted import Permuted, Tests
 from sim2real.diagnosis.comparison.response import Column
 from sim2real.diagnosis.settings import Compared, Settings
 
@@ -40,7 +40,6 @@ def find_changes(
     permuted: Permuted,
     columns: Sequence[Column],
     beside: Confounded,
-    prior: Prior,
     settings: Settings,
     alpha: float,
 ) -> Changes:
@@ -49,8 +48,7 @@ def find_changes(
     Args:
         permuted: the pieces of both sides.
         columns: what may change, the first columns of the pieces.
-        beside: columns that something else may have changed, and those that a sensor knows.
-        prior: what is known of the columns of the pieces.
+        beside: columns that something else may have changed, and what is known of all columns.
         settings: when a change is named.
         alpha: probability of any false alarm.
     """
@@ -58,11 +56,11 @@ def find_changes(
     nuisance = [*beside.excused, *beside.known, *permuted.pieces.clocks]
     free = [k for k in range(len(columns)) if k not in (*nuisance, *beside.ruled_out)]
     named: list[Named] = []
-    shares = permuted.of(free, nuisance, alpha, prior).own_share if free else ()
+    shares = permuted.of(free, nuisance, alpha, beside.prior).own_share if free else ()
     untold = [k for k, share in zip(free, shares, strict=True) if share < limits.apart]
     left = [k for k in free if k not in untold]
     while left and len(named) < settings.inference.members_max:
-        tests = permuted.of(left, nuisance, alpha, prior)
+        tests = permuted.of(left, nuisance, alpha, beside.prior)
         best = _clearest(tests, beside.least, limits, alpha, len(permuted.pieces.curve))
         if best is None:
             break
@@ -76,7 +74,7 @@ def find_changes(
         named.append(Named(column, float(tests.p[left.index(column)]), alike))
         nuisance.append(column)
         left.remove(column)
-    every = permuted.of([*free, *beside.known], nuisance, alpha, prior)
+    every = permuted.of([*free, *beside.known], nuisance, alpha, beside.prior)
     return Changes(tuple(named), every, tuple(untold))
 
 

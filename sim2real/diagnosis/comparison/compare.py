@@ -13,6 +13,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,8 +27,7 @@ from sim2real.diagnosis.comparison.changes import (
     as_untold,
     find_changes,
 )
-from sim2real.diagnosis.comparison.confounders import SUPPLY, Confounded, confounders
-from sim2real.diagnosis.comparison.excused import excuse
+from sim2real.diagnosis.comparison.confounders import SUPPLY, Confounded, confounders, excuse
 from sim2real.diagnosis.comparison.permuted import Permuted
 from sim2real.diagnosis.comparison.pieces import Pieces, contrasts
 from sim2real.diagnosis.comparison.prepared import Prepared, prepare
@@ -70,24 +70,22 @@ def compare(
             unknown.
     """
     sides = {"before": before, "after": after}
-    made, (first, second) = _prepared(sides, model, effects, watch, limits, settings)
-    return _compared(made, first, second, limits or {}, remounted, seed, model)
+    asked = _asked(sides, model, effects, watch, limits, remounted, seed, settings)
+    first, second = asked.sides.values()
+    return _compared(asked, first, second)
 
 
 def compare_fleet(
-    units: Mapping[str, Logs],
-    model: str | Path | None = None,
-    *,
-    effects: str | Path | None = None,
-    watch: Sequence[str] | None = None,
-    limits: Mapping[str, float] | None = None,
-    remounted: bool = True,
-    seed: int = 0,
-    settings: Settings = DEFAULT,
+    units: Mapping[str, Logs], model: str | Path | None = None, **options: Any
 ) -> Fleet:
-    """Say which robots of a fleet deviate from all others; arguments are those of `compare`.
+    """Say which robots of a fleet deviate from all others.
 
     The probability of any false alarm is shared among the robots.
+
+    Args:
+        units: the logs of each robot, by its name.
+        model: see `compare`.
+        options: the other arguments of `compare`.
 
     Raises:
         Sim2RealError: fewer than three robots; see also `compare`.
@@ -97,40 +95,51 @@ def compare_fleet(
             f"units: expected at least {UNITS_MIN} robots, got {len(units)}; with two robots, give "
             "before= and after="
         )
-    sides = {f"units.{name}": own for name, own in units.items()}
-    made, parts = _prepared(sides, model, effects, watch, limits, settings)
-    members = dict(zip(units, parts, strict=True))
+    asked = _asked({f"units.{name}": own for name, own in units.items()}, model, **options)
+    members = dict(zip(units, asked.sides.values(), strict=True))
 
     def against(name: str, kept: Collection[str]) -> Comparison:
         others = [k for other in kept if other != name for k in members[other]]
-        tests = len(units)
-        return _compared(made, others, members[name], limits or {}, remounted, seed, model, tests)
+        return _compared(asked, others, members[name], len(units))
 
-    return Fleet(_told_apart(against, list(members)), _values(made.watch))
+    return Fleet(_told_apart(against, list(members)), _values(asked.made.watch))
 
 
-def _prepared(
+class _Asked(NamedTuple):
+    """What is compared: the logs of all sides, replayed, and the numbers of each side's logs."""
+
+    made: Prepared
+    sides: Mapping[str, range]
+    limits: Mapping[str, float]
+    inputs: Mapping[str, Any]
+
+
+def _asked(
     sides: Mapping[str, Logs],
     model: str | Path | None,
-    effects: str | Path | None,
-    watch: Sequence[str] | None,
-    limits: Mapping[str, float] | None,
-    settings: Settings,
-) -> tuple[Prepared, list[range]]:
-    """Return the logs of all sides, replayed, and the numbers of each side's logs."""
+    effects: str | Path | None = None,
+    watch: Sequence[str] | None = None,
+    limits: Mapping[str, float] | None = None,
+    remounted: bool = True,
+    seed: int = 0,
+    settings: Settings = DEFAULT,
+) -> _Asked:
+    """Read and replay the logs of all sides; see `compare` for the arguments."""
     for what, own in sides.items():
         if isinstance(own, Sequence) and not own:
             raise Sim2RealError(f"{what}: no logs; give {what}=PATH")
+    limits = limits or {}
     logs = {what: read_logs(own) for what, own in sides.items()}
-    names = _names(watch, limits, settings)
+    names = _names(settings.compared.watched if watch is None else watch, limits)
     (what, first), *rest = logs.items()
     for other, own in rest:
         _refuse_models({what: first, other: own}, model)
     known = [] if effects is None else load_effects(effects)
     every = [log for own in logs.values() for log in own]
     ends = np.cumsum([len(own) for own in logs.values()]).tolist()
-    parts = [range(a, b) for a, b in pairwise([0, *ends])]
-    return prepare(every, model, known, names, settings), parts
+    parts = {what: range(a, b) for what, (a, b) in zip(logs, pairwise([0, *ends]), strict=True)}
+    inputs = {"model": None if model is None else str(model), "seed": seed, "remounted": remounted}
+    return _Asked(prepare(every, model, known, names, settings), parts, limits, inputs)
 
 
 def _told_apart(
@@ -161,22 +170,16 @@ def _told_apart(
 
 
 def _compared(
-    made: Prepared,
-    before: Collection[int],
-    after: Collection[int],
-    limits: Mapping[str, float],
-    remounted: bool,
-    seed: int,
-    model: str | Path | None,
-    tests: int = 1,
+    asked: _Asked, before: Collection[int], after: Collection[int], tests: int = 1
 ) -> Comparison:
     """Compare two sides; `tests` of them share the probability of a false alarm."""
-    data, columns = made.data, made.response.columns
-    settings, alpha = data.settings, data.settings.compared.alpha / tests
-    beside = confounders(made, before, after, remounted)
+    made, limits, data = asked.made, asked.limits, asked.made.data
+    columns, settings = made.response.columns, data.settings
+    alpha = settings.compared.alpha / tests
+    beside = confounders(made, before, after, asked.inputs["remounted"])
     first = contrasts(made, made.error, before, after)
     pieces, moved = excuse(first, made, (before, after), beside)
-    apart = zip(data.joints, first.before_rms, strict=True)
+    apart = zip(data.joints, first.rms * data.scale, strict=True)
     numbers = {
         "pieces": len(pieces.curve),
         "pieces_are_logs": pieces.logs,
@@ -184,21 +187,17 @@ def _compared(
         "apart": {joint.name: float(rms) for joint, rms in apart},
         "alpha": alpha,
     }
-    inputs = {
-        "before": [str(data.logs[k].path or "a log") for k in before],
-        "after": [str(data.logs[k].path or "a log") for k in after],
-        "model": None if model is None else str(model),
-        "seed": seed,
-        "remounted": remounted,
-    }
+    names = [[str(data.logs[k].path or "a log") for k in side] for side in (before, after)]
+    inputs = {"before": names[0], "after": names[1], **asked.inputs}
     shared = _values(made.watch)
     reason = _untellable(pieces, beside, len(columns), settings.compared.blocks_min)
     if reason is not None:
         rest = (shared, beside.listed, (), numbers, inputs)
         return Comparison("cannot_tell", reason, (), (), (), *rest)
-    permuted = Permuted(pieces, np.random.default_rng(seed), settings.inference.draws)
-    prior = beside.prior.after(moved)
-    found = find_changes(permuted, columns, beside, prior, settings, alpha)
+    rng = np.random.default_rng(inputs["seed"])
+    permuted = Permuted(pieces, rng, settings.inference.draws)
+    left = beside._replace(prior=beside.prior.after(moved))
+    found = find_changes(permuted, columns, left, settings, alpha)
 
     def change(column: int) -> Change:
         limit = limits.get(columns[column].option.name)
@@ -278,12 +277,9 @@ def _values(watch: Watch) -> tuple[Value, ...]:
     return tuple(Value(e.name, w, e.side, float(values[0]), e.unit) for e, w, values in watch.both)
 
 
-def _names(
-    watch: Sequence[str] | None, limits: Mapping[str, float] | None, settings: Settings
-) -> tuple[str, ...]:
+def _names(watch: Sequence[str], limits: Mapping[str, float]) -> tuple[str, ...]:
     """Return the effects to watch; raises Sim2RealError for names and limits that are wrong."""
-    names = tuple(settings.compared.watched if watch is None else watch)
-    for what, given in (("watch", names), ("limits", tuple(limits or {}))):
+    for what, given in (("watch", watch), ("limits", limits)):
         for name in given:
             if name not in EFFECTS or not EFFECTS[name].visible_in_replay:
                 known = sorted(n for n, e in EFFECTS.items() if e.visible_in_replay)
@@ -291,10 +287,10 @@ def _names(
                     f"{what}: {name!r} is not an effect that a motion can show"
                     f"{did_you_mean(name, known)}; choose one of: {', '.join(known)}"
                 )
-    for name, limit in (limits or {}).items():
+    for name, limit in limits.items():
         if isinstance(limit, bool) or not isinstance(limit, int | float) or not limit > 0:
             raise Sim2RealError(f"limits.{name}={limit} must be a number above 0")
-    return (*names, *(name for name in limits or {} if name not in names))
+    return tuple(dict.fromkeys([*watch, *limits]))
 
 
 def _refuse_models(sides: Mapping[str, Sequence[Log]], model: str | Path | None) -> None:

@@ -38,6 +38,12 @@ class Prior(NamedTuple):
         mean[list(moved)] -= list(moved.values())
         return Prior(mean, self.spread)
 
+    def without(self, column: int) -> Prior:
+        """Return the prior with nothing known of a column."""
+        spread = self.spread.copy()
+        spread[column] = np.inf
+        return Prior(self.mean, spread)
+
 
 class Tests(NamedTuple):
     """What was found of n columns."""
@@ -56,6 +62,7 @@ class Tests(NamedTuple):
 class _Fit(NamedTuple):
     """One column with others, of size 1 each; the column is the first."""
 
+    use: np.ndarray  # (k,) numbers of the columns
     t: np.ndarray  # (1 + D,)
     error: float  # standard error of the column's value
     fitted: np.ndarray  # (k,)
@@ -67,6 +74,18 @@ class _Fit(NamedTuple):
     def inflation(self) -> float:
         """Of the value's variance, over that of independent numbers."""
         return max(self.error**2 / float(self.inverse[0, 0]), 1.0)
+
+    def posterior(self, noise: float, prior: Prior) -> tuple[np.ndarray, np.ndarray]:
+        """Return the mean (k,) and the covariance (k, k) of the values; both are normal.
+
+        Args:
+            noise: what the variance of independent numbers is multiplied by.
+            prior: what is known of the values.
+        """
+        sure = np.diag((prior.spread[self.use] * self.size) ** -2.0)
+        exact = np.linalg.inv(self.inverse * noise)
+        after = np.linalg.inv(exact + sure)
+        return after @ (exact @ self.fitted + sure @ (prior.mean[self.use] * self.size)), after
 
 
 class Permuted:
@@ -98,41 +117,33 @@ class Permuted:
             alpha: probability of any false alarm.
             prior: what is known of the others.
         """
-        every = [[column, *(b for b in nuisance if b != column)] for column in columns]
-        fits = [self._one(np.array(use)) for use in every]
+        fits = [self._fit([k, *(other for other in nuisance if other != k)]) for k in columns]
         t = np.array([fit.t for fit in fits])  # (n, 1 + D)
         largest = np.abs(t[:, 1:]).max(axis=0)  # (D,)
         p = (1 + (largest >= np.abs(t[:, :1]) - RIDGE).sum(axis=1)) / (1 + len(largest))
-        noise = float(np.median([fit.inflation for fit in fits]))
-        rows = np.array([self._row(f, u, noise, prior) for f, u in zip(fits, every, strict=True)])
+        noise = _inflation(fits)
+        rows = np.array([self._row(fit, noise, prior) for fit in fits])
         critical = float(np.quantile(largest, 1 - alpha))
         return Tests(tuple(columns), critical, p, *rows.T)
 
-    def _one(self, use: np.ndarray) -> _Fit:
+    def _fit(self, use: Sequence[int]) -> _Fit:
         """Return the fit of the first column with the others."""
-        curve = self.pieces.curve[:, use[:, None], use]
+        some = np.array(use)
+        curve = self.pieces.curve[:, some[:, None], some]
         size = np.sqrt(np.maximum(np.einsum("bkk->k", curve), TINY_SQUARE))
-        curve, down = curve / size[:, None] / size, self.pieces.down[:, use] / size
+        curve, down = curve / size[:, None] / size, self.pieces.down[:, some] / size
         sides = [_solve(curve, down, weights) for weights in self.weights]
         fitted, errors, inverses = (np.array(part) for part in zip(*sides, strict=True))
         apart = fitted[0] - fitted[1:].sum(axis=0)  # (1 + D, k)
         error, inverse = np.linalg.norm(errors, axis=0), inverses.sum(axis=0)
         t = apart[:, 0] / np.maximum(error, TINY_SQUARE)
-        return _Fit(t, float(error[0]), apart[0], inverse, curve.sum(axis=0), size)
+        return _Fit(some, t, float(error[0]), apart[0], inverse, curve.sum(axis=0), size)
 
-    def _row(self, fit: _Fit, use: Sequence[int], noise: float, prior: Prior) -> tuple[float, ...]:
-        """Return value, spread, fall, response, others and own_share of `Tests`.
-
-        The fit and the prior are normal, so the posterior is; `noise` is what the independent
-        numbers' variance is multiplied by.
-        """
-        spread, mean = prior.spread[use] * fit.size, prior.mean[use] * fit.size
-        sure = np.diag(np.where(np.arange(len(use)) > 0, spread**-2.0, 0.0))
-        exact = np.linalg.inv(fit.inverse * noise)
-        after = np.linalg.inv(exact + sure)
-        values = after @ (exact @ fit.fitted + sure @ mean)
+    def _row(self, fit: _Fit, noise: float, prior: Prior) -> tuple[float, ...]:
+        """Return value, spread, fall, response, others and own_share of `Tests`."""
+        values, after = fit.posterior(noise, prior.without(fit.use[0]))
         share = float(np.sqrt(after[0, 0] / (fit.inverse[0, 0] * noise)))
-        rest = np.where(np.isin(use, self.pieces.clocks), 0.0, values)[1:]
+        rest = np.where(np.isin(fit.use, self.pieces.clocks), 0.0, values)[1:]
         response = abs(values[0]) * np.sqrt(fit.whole[0, 0] / self.pieces.rows)
         others = np.sqrt(max(float(rest @ fit.whole[1:, 1:] @ rest), 0.0) / self.pieces.rows)
         own = 1.0 if self.pieces.after is None else 0.25
@@ -144,6 +155,17 @@ class Permuted:
             others,
             noise / after[0, 0] / own,
         )
+
+
+def explain(pieces: Pieces, columns: Sequence[int], prior: Prior) -> np.ndarray:
+    """Return the changes of columns that explain the pieces best, all together, (n,)."""
+    observed = Permuted(pieces, np.random.default_rng(), 0)
+    fits = [observed._fit(np.roll(columns, -k).tolist()) for k in range(len(columns))]
+    return fits[0].posterior(_inflation(fits), prior)[0] / fits[0].size
+
+
+def _inflation(fits: Sequence[_Fit]) -> float:
+    return float(np.median([fit.inflation for fit in fits]))
 
 
 def _solve(

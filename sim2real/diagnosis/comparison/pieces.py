@@ -14,9 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim2real.diagnosis.comparison.motions import Motions
-from sim2real.diagnosis.comparison.prepared import Prepared
-from sim2real.diagnosis.comparison.response import Response
+from sim2real.diagnosis.comparison.prepared import Motions, Prepared
 from sim2real.diagnosis.data.score import coherence
 from sim2real.diagnosis.settings import TINY
 
@@ -29,13 +27,13 @@ class Pieces(NamedTuple):
     after: np.ndarray | None  # (B,) bool: the side of each; None for differences of two sides
     rows: int  # compared numbers, all pieces
     logs: bool  # whether the pieces are whole logs
-    before_rms: np.ndarray  # (M,) of what is compared, by joint [rad or m]
+    rms: np.ndarray  # (M,) of what is compared, by joint, in the unit of errors
 
     @property
     def clocks(self) -> tuple[int, ...]:
         """The columns of the joints' clocks."""
         count = self.curve.shape[1]
-        return tuple(range(count - len(self.before_rms), count))
+        return tuple(range(count - len(self.rms), count))
 
 
 class _Stretch(NamedTuple):
@@ -73,6 +71,9 @@ def contrasts(
 ) -> Pieces:
     """Return the pieces of two sides.
 
+    Each is weighted by the noise of what is off in it, never less than `weight_floor` of the
+    median: a joint that sticks for a while, or an arm that swings freely, must not drown the rest.
+
     Args:
         made: the replayed logs, with aligned windows.
         error: of all windows, (W, T, M).
@@ -83,11 +84,26 @@ def contrasts(
     alone = [((), (k,)) for group in made.motions for k in group if k in {*before, *after}]
     stretches = list(_stretches(made, error, pairs or alone, after))
     limits = made.data.settings.compared
-    sides = [[one.logs for one in stretches if one.after == side] for side in (False, True)]
-    logs = min(len(set(side)) for side in sides if side) >= limits.logs_min
-    keys = [one.logs if logs else (*one.logs, one.block) for one in stretches]
-    pieces = _summed(stretches, keys, limits.weight_floor, made.data.scale)
-    return pieces._replace(logs=logs, after=None if pairs else pieces.after)
+    sides = [{one.logs for one in stretches if one.after == side} for side in (False, True)]
+    logs = min(len(side) for side in sides if side) >= limits.logs_min
+    pieces: dict[tuple[int, ...], list[_Stretch]] = {}
+    for one in stretches:
+        pieces.setdefault(one.logs if logs else (*one.logs, one.block), []).append(one)
+    wrong = [np.concatenate([one.wrong for one in some]) for some in pieces.values()]
+    columns = [np.concatenate([one.columns for one in some], axis=1) for some in pieces.values()]
+    noise = np.array([np.sqrt(np.mean(part**2, axis=0)) for part in wrong])  # (B, M)
+    weight = 1 / np.maximum(np.maximum(noise, limits.weight_floor * np.median(noise, axis=0)), TINY)
+    x = [(part * w).reshape(len(part), -1) for part, w in zip(columns, weight, strict=True)]
+    y = [(part * w).reshape(-1) for part, w in zip(wrong, weight, strict=True)]
+    every = np.concatenate(wrong)
+    return Pieces(
+        np.array([own @ own.T for own in x]),
+        np.array([-own @ off for own, off in zip(x, y, strict=True)]),
+        None if pairs else np.array([some[0].after for some in pieces.values()]),
+        every.size,
+        logs,
+        np.sqrt(np.mean(every**2, axis=0)),
+    )
 
 
 def _stretches(
@@ -102,49 +118,10 @@ def _stretches(
                 continue
             ones, others = ([of[k, own] for k in side] for side in (first, second))
             wrong = error[others].mean(axis=0) - (error[ones].mean(axis=0) if first else 0.0)
-            columns = _columns(made.response, place)
+            columns = made.lines[:, place]
             row = blocks[own if first else others[0]]
             used = np.all(made.data.mask[[*ones, *others]], axis=0) & (row >= 0)
             for block in np.unique(row[used]).tolist():
                 mine = used & (row == block)
                 later = not first and second[0] in after
                 yield _Stretch(wrong[mine], columns[:, mine], (*first, *second), block, later)
-
-
-def _columns(response: Response, window: int) -> np.ndarray:
-    """Return the columns of a window, then a clock for each joint, (K, T, M).
-
-    Each servo measures and obeys at ticks of its own. Where a tick lies between two messages of
-    the bus may differ from one session to the next by up to a tick, at each joint for itself.
-    """
-    slope = response.slope[window]
-    clocks = np.eye(slope.shape[1])[:, None, :] * slope
-    return np.concatenate([response.change[:, window], clocks])
-
-
-def _summed(
-    stretches: Sequence[_Stretch], keys: Sequence[tuple[int, ...]], floor: float, scale: np.ndarray
-) -> Pieces:
-    """Return the sums over each piece, each weighted by its own noise.
-
-    The noise of a piece is that of what is off in it, never less than `floor` of the median: a
-    joint that sticks for a while, or an arm that swings freely, must not drown the rest.
-    """
-    numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
-    count, (width, _, joints) = len(numbers), stretches[0].columns.shape
-    square, size, after = np.zeros((count, joints)), np.zeros(count), np.zeros(count, bool)
-    for one, key in zip(stretches, keys, strict=True):
-        square[numbers[key]] += (one.wrong**2).sum(axis=0)
-        size[numbers[key]] += len(one.wrong)
-        after[numbers[key]] = one.after
-    noise = np.sqrt(square / size[:, None])
-    weight = 1 / np.maximum(np.maximum(noise, floor * np.median(noise, axis=0)), TINY)
-    curve, down = np.zeros((count, width, width)), np.zeros((count, width))
-    for one, key in zip(stretches, keys, strict=True):
-        piece = numbers[key]
-        x = (one.columns * weight[piece]).reshape(width, -1)
-        y = (one.wrong * weight[piece]).reshape(-1)
-        curve[piece] += x @ x.T
-        down[piece] -= x @ y
-    rms = np.sqrt(square.sum(axis=0) / size.sum()) * scale
-    return Pieces(curve, down, after, int(size.sum()) * joints, False, rms)

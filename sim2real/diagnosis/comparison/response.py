@@ -7,7 +7,7 @@ response.error, response.change                     # (n, T, M), (P, n, T, M)
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -83,9 +83,20 @@ class Column(NamedTuple):
         return self.option.label + (f" ({'xyz'[self.place]})" if self.place else "")
 
     @property
+    def reach(self) -> tuple[float, float]:
+        """Smallest and largest change from neutral."""
+        own = self.option
+        return tuple((end - own.neutral)[self.place] for end in (own.low, own.high))
+
+    @property
+    def typical(self) -> float:
+        """Size of a typical change."""
+        return float(self.option.step[self.place])
+
+    @property
     def largest(self) -> float:
         """Size of the largest change that a diagnosis looks at."""
-        return float(self.option.step[self.place]) / TYPICAL
+        return self.typical / TYPICAL
 
 
 class Response(NamedTuple):
@@ -103,6 +114,22 @@ class Response(NamedTuple):
         found, *_ = np.linalg.lstsq(lines.T, -self.error.reshape(-1), rcond=None)
         return found
 
+    def lines(self, columns: Sequence[int]) -> dict[int, float]:
+        """Return these changes by column, each within the range of an effect that is absent."""
+        own = zip(columns, self.values(columns), strict=True)
+        return {k: float(np.clip(value, *self.columns[k].reach)) for k, value in own}
+
+    def along(self, changes: Mapping[int, float]) -> np.ndarray:
+        """Return the errors (n, T, M) that straight lines leave."""
+        return self.error + sum(value * self.change[k] for k, value in changes.items())
+
+    def moved(self, watch: Watch, changes: Mapping[int, float]) -> Watch:
+        """Return a watch with columns changed, each within its range."""
+        for k, change in changes.items():
+            for part, share in self.parts.get(k, ((k, 1.0),)):
+                watch = watch.moved(self.columns[part], share * change)
+        return watch
+
 
 Parts = tuple[tuple[int, float], ...]  # each column, and how much of it
 
@@ -114,31 +141,23 @@ def is_friction(option: Candidate) -> bool:
 
 def watched(data: Data, known: Sequence[Fixed], names: Sequence[str]) -> Watch:
     """Return the effects of these names that the robot can have, one variant at each place."""
-    every = candidates(data)
     kept: dict[tuple[str, str | None], Candidate] = {}
-    for option in every:
+    variants: dict[tuple[str, str | None, str | None, int], Candidate] = {}
+    for option in candidates(data):
+        own = option.effect
+        variants.setdefault((own.name, own.where, own.side, len(option.neutral)), option)
         if option.name in names and not (option.shared and len(data.joints) == 1):
-            kept.setdefault((option.name, option.effect.where), option)
+            kept.setdefault((own.name, own.where), option)
     watch = Watch((), {}, ())
     for effect, values in known:
-        option = None if effect.composes else _option(every, (effect, values))
-        if option is None:
+        option = variants.get((effect.name, effect.where, effect.side, len(values)))
+        if option is None or effect.composes:
             watch = watch._replace(fixed=(*watch.fixed, (effect, values)))
         else:
             watch = watch.having(option, np.array(values, float))
             if (effect.name, effect.where) in kept:
                 kept[effect.name, effect.where] = option
     return watch._replace(options=tuple(kept.values()))
-
-
-def _option(every: Sequence[Candidate], known: Fixed) -> Candidate | None:
-    """Return the candidate that is a known effect, whose values can be changed."""
-    effect, values = known
-    wanted = (effect.name, effect.where, effect.side, len(values))
-    return next(
-        (o for o in every if (o.name, o.effect.where, o.effect.side, len(o.neutral)) == wanted),
-        None,
-    )
 
 
 def errors(simulator: Simulator, watch: Watch, windows: np.ndarray) -> np.ndarray:
@@ -154,21 +173,8 @@ def respond(simulator: Simulator, watch: Watch, windows: np.ndarray) -> Response
         watch: what may change, and what both sides have.
         windows: those to look at, (n,).
     """
-    shared = [option.effect for option, _ in watch.shared.values()]
-    probes = [
-        probe
-        for option in watch.options
-        if option.label not in watch.shared
-        if not any(in_the_way(one, option.effect) for one in shared)
-        for probe in _probes(option, simulator.data.settings.compared.step)
-    ]
-    for option, values in watch.shared.values():
-        steps = get_nudges((option,), values)
-        probes += [
-            _Probe(Column(option, place), values + moved, float(steps[place]))
-            for place, moved in enumerate(np.diag(steps)[: _count(option)])
-        ]
-    sets = [watch, *(watch.having(probe.column.option, probe.point) for probe in probes)]
+    probes = list(_probes(watch, simulator.data.settings.compared.step))
+    sets = [watch, *(probe.watch for probe in probes)]
     base, *moved = simulate_each(simulator, [one.rows(windows) for one in sets])
     change = [
         (one.error - base.error) / probe.step for one, probe in zip(moved, probes, strict=True)
@@ -177,34 +183,36 @@ def respond(simulator: Simulator, watch: Watch, windows: np.ndarray) -> Response
     return Response(base.error, base.slope, columns, np.array(change))
 
 
-def _count(option: Candidate) -> int:
-    """Return how many numbers of an effect may change."""
-    return len(option.neutral) if option.name in VECTORS else 1
-
-
 class _Probe(NamedTuple):
-    """A number that is moved: its effect's values, and by how much it moved."""
+    """A number that is moved, by how much, and the watch with it."""
 
     column: Column
-    point: np.ndarray
     step: float
+    watch: Watch
 
 
-def _probes(option: Candidate, small: float) -> list[_Probe]:
-    """Return how each number of an effect is moved; what acts in proportion, by a small share.
+def _probes(watch: Watch, small: float) -> Iterator[_Probe]:
+    """Yield how each number of an effect is moved; what acts in proportion, by a small share.
 
     A factor's straight line over a quarter of its value is another one than over some per cent.
     Play and the like have no smaller steps that say anything.
     """
-    sizes = np.abs(option.probes - option.neutral)
-    count = _count(option)
-    share = small if option.name in VECTORS or option.effect.how == "scale" else 1.0
-    found = []
-    for place in range(count):
-        along = np.flatnonzero(sizes[:, place] > 0)
-        probe = option.probes[along[np.argmin(sizes[along, place])]]
-        point = np.array(probe if count == 1 else option.neutral, float)
-        step = float(share * (probe[place] - option.neutral[place]))
-        point[place] = option.neutral[place] + step
-        found.append(_Probe(Column(option, place), point, step))
-    return found
+    shared = [option.effect for option, _ in watch.shared.values()]
+    for option in watch.options:
+        there = option.label in watch.shared
+        if there or any(in_the_way(one, option.effect) for one in shared):
+            continue
+        vector = option.name in VECTORS
+        part = small if vector or option.effect.how == "scale" else 1.0
+        for place in range(len(option.neutral) if vector else 1):
+            sizes = np.abs(option.probes - option.neutral)[:, place]
+            probe = option.probes[np.argmin(np.where(sizes > 0, sizes, np.inf))]
+            point = np.array(option.neutral if vector else probe, float)
+            step = float(part * (probe[place] - option.neutral[place]))
+            point[place] = option.neutral[place] + step
+            yield _Probe(Column(option, place), step, watch.having(option, point))
+    for option, values in watch.shared.values():
+        steps = np.diag(get_nudges((option,), values))
+        for place, moved in enumerate(steps if option.name in VECTORS else steps[:1]):
+            column = Column(option, place)
+            yield _Probe(column, float(moved[place]), watch.having(option, values + moved))

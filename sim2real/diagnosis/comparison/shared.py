@@ -4,21 +4,21 @@
 
 First the friction of every joint, which no model knows; then the effect whose straight line closes
 most of the gap that is left joins and is fitted, and the next one, as long as each closes enough.
-The windows with the largest gap are looked at. That is less than a
-diagnosis: it moves the simulation close to the robot, so that a change has the response it has
-there. Where a diagnosis was made, give `effects=`.
+The windows with the largest gap are looked at. That is less than a diagnosis: it moves the
+simulation close to the robot, so that a change has the response it has there. Where a diagnosis was
+made, give `effects=`.
 """
 
 import logging
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from sim2real.diagnosis.comparison.response import Response, Watch, errors, is_friction, respond
+from sim2real.diagnosis.comparison.response import Watch, errors, is_friction, respond
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.inference.batches import simulate_each
 from sim2real.diagnosis.inference.candidates import get_nudges
-from sim2real.diagnosis.settings import TINY_SQUARE
 
 log_ = logging.getLogger(__name__)
 SMALL = 1e-6  # of a typical change: a start has to be inside its bounds
@@ -32,62 +32,37 @@ def share(simulator: Simulator, watch: Watch, windows: np.ndarray) -> Watch:
         watch: what may change.
         windows: the first ones of each motion, (n,).
     """
-    data, limits = simulator.data, simulator.data.settings.compared
+    data, settings = simulator.data, simulator.data.settings
+    enough, every = 1 - settings.compared.shared_worth, watch.options
     error = errors(simulator, watch, windows)
     worst = windows[np.argsort(-data.only(windows).window_squares(error))]
-    looked = np.sort(worst[: data.settings.windows.windows_usual])
+    looked = np.sort(worst[: settings.windows.windows_usual])
     gap = _gap(error[np.isin(windows, looked)])
-    for step in (_rubbing, *[_joined] * limits.shared_max):
-        tried = step(simulator, looked, watch)
-        left = gap if tried is None else _gap(errors(simulator, tried, looked))
-        if tried is not None and left <= (1 - limits.shared_worth) * gap:
+    friction = tuple(option for option in every if is_friction(option))
+    for options in (friction, *[every] * settings.inference.members_max):
+        rubs = options is friction
+        response = respond(simulator, watch._replace(options=options), looked)
+        free = [k for k, own in enumerate(response.columns) if own.option.label not in watch.shared]
+        lines = [response.lines(some) for some in ([free] if rubs else [[k] for k in free]) if some]
+        line = min(lines, key=lambda one: _gap(response.along(one)), default={})
+        if not rubs and _gap(response.along(line)) > enough * gap:
+            break
+        starts = [response.moved(watch, {k: v * way for k, v in line.items()}) for way in (1, 0)]
+        tried = _fit(simulator, looked, starts) if line else watch
+        left = _gap(errors(simulator, tried, looked))
+        if left <= enough * gap:
             more = ", ".join(label for label in tried.shared if label not in watch.shared)
             log_.info("both have %s: %.3g of %.3g is left", more, left, gap)
             watch, gap = tried, left
-        elif step is _joined:
+        elif not rubs:
             break  # the next one would be the same
     return watch
 
 
-def _rubbing(simulator: Simulator, windows: np.ndarray, watch: Watch) -> Watch | None:
-    """Return the watch with friction at every joint, fitted; None where there is none to fit."""
-    some = tuple(option for option in watch.options if is_friction(option))
-    response = respond(simulator, watch._replace(options=some), windows)
-    own = _free(response, watch)
-    lines = small = watch
-    for k, value in zip(own, response.values(own), strict=True):
-        column = response.columns[k]
-        lines = lines.moved(column, value)
-        small = small.moved(column, float(column.option.step[0]))
-    return _fit(simulator, windows, lines, small) if own else None
-
-
-def _joined(simulator: Simulator, windows: np.ndarray, watch: Watch) -> Watch | None:
-    """Return the watch with the effect more that closes most, fitted; None if none is worth it."""
-    response = respond(simulator, watch, windows)
-    gap, closed = _gap(response.error), {}
-    for k in _free(response, watch):
-        (option, place), line = response.columns[k], response.change[k]
-        value = -float((line * response.error).sum() / max(float((line**2).sum()), TINY_SQUARE))
-        low, high = (end[place] - option.neutral[place] for end in (option.low, option.high))
-        left = _gap(response.error + np.clip(value, low, high) * line)
-        closed[k] = gap - left, value
-    best = max(closed, key=lambda k: closed[k][0], default=None)
-    if best is None or closed[best][0] < simulator.data.settings.compared.shared_worth * gap:
-        return None
-    column = response.columns[best]
-    return _fit(simulator, windows, *(watch.moved(column, v) for v in (closed[best][1], 0.0)))
-
-
-def _free(response: Response, watch: Watch) -> list[int]:
-    """Return the columns of effects that the sides do not share yet."""
-    return [k for k, own in enumerate(response.columns) if own.option.label not in watch.shared]
-
-
-def _fit(simulator: Simulator, windows: np.ndarray, *starts: Watch) -> Watch:
+def _fit(simulator: Simulator, windows: np.ndarray, starts: Sequence[Watch]) -> Watch:
     """Return the better of some starts with the shared values that leave the least square."""
 
-    def replay(tried: list[Watch]) -> np.ndarray:
+    def replay(tried: Sequence[Watch]) -> np.ndarray:
         made = simulate_each(simulator, [one.rows(windows) for one in tried])
         return np.stack([one.error.ravel() for one in made])
 
@@ -97,7 +72,7 @@ def _fit(simulator: Simulator, windows: np.ndarray, *starts: Watch) -> Watch:
         base, *moved = replay([best.at(one) for one in points])
         return (np.array(moved) - base).T / steps
 
-    best = starts[np.square(replay(list(starts))).sum(axis=1).argmin()]
+    best = starts[np.square(replay(starts)).sum(axis=1).argmin()]
     members = [option for option, _ in best.shared.values()]
     low, high, size = (
         np.concatenate([getattr(member, name) for member in members])

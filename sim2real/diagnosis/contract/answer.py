@@ -7,6 +7,7 @@ answer.verdict, [(f.fault, f.where, f.fix) for f in answer.findings], answer.can
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -15,18 +16,28 @@ from sim2real.runs.files import write_text
 from sim2real.runs.pages import template
 
 SCHEMA = 1
+SAME_VALUE = 0.05  # two fitted values that differ by less are reported as one
 PAGE = Path(__file__).parent / "page" / "contract.html"
 Verdict = Literal["holds", "broken", "cannot_tell"]
 EXIT = {"holds": 0, "broken": 3, "cannot_tell": 4}
 
 
 @dataclass(frozen=True)
-class Rival:
-    """Another explanation that the log cannot tell from the named one."""
+class Fault:
+    """One way in which a log differs from the description; see `Finding`."""
 
     fault: str
     where: str
     text: str
+    fix: str
+    value: float | None = None
+
+    def same(self, other: Fault) -> bool:
+        """Return whether another one is this one, with a slightly different value."""
+        if self.value is None or other.value is None:
+            return self == other
+        alike = (self.fault, self.where) == (other.fault, other.where)
+        return alike and math.isclose(self.value, other.value, rel_tol=SAME_VALUE)
 
 
 @dataclass(frozen=True)
@@ -55,7 +66,7 @@ class Finding:
     after: float
     sure: float | None = None
     value: float | None = None
-    among: tuple[Rival, ...] = ()
+    among: tuple[Fault, ...] = ()
 
 
 @dataclass(frozen=True)

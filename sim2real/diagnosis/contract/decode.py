@@ -19,17 +19,16 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.sparse.csgraph import connected_components
 
-from sim2real.diagnosis.contract.answer import Finding, Rival, Stage
+from sim2real.diagnosis.contract.answer import Fault, Finding, Stage
 from sim2real.diagnosis.contract.rebuild import Variant
 from sim2real.diagnosis.contract.rows import Rows
 from sim2real.diagnosis.contract.ways import (
     AT_OWN,
-    Change,
     Choice,
     Moments,
     Target,
     Way,
-    changes,
+    faults,
     gains,
     late,
     options,
@@ -39,6 +38,7 @@ from sim2real.diagnosis.settings import Contract
 
 HUGE = 1e30  # nats: a way that is none
 FEW = "too few rows to compare"
+TIMED = ("rate", "filter")  # mistakes that are tried at the described age alone
 
 
 def decode(target: Target, ways: Sequence[Variant], rows: Rows, limits: Contract) -> Stage:
@@ -60,7 +60,7 @@ def decode(target: Target, ways: Sequence[Variant], rows: Rows, limits: Contract
         stage.open(f"{target.name}: {', '.join(target.elements)}", FEW)
         return stage
     search = _Search(target, rows, use, kept, limits)
-    plain = search.described(ways[0], ways[0].age)
+    plain = search.described(ways[0])
     left = float(search.misfit(plain).max())
     if left > limits.suspect:
         stage.findings, left = search.findings(plain, search.every(ways))
@@ -96,7 +96,7 @@ class _Search:
         """Return the best way of each variant, age, gain and pose."""
         made, limits = [], self.limits
         for way, age in product(ways, range(limits.ages_max + 1)):
-            if age != way.age and way.mistake and len(ways) > limits.ways_few:
+            if age != way.age and way.mistake and way.mistake.fault in TIMED:
                 continue
             moments = self._moments(way, age)
             for gain in gains(self.target, moments, limits.free_price, way.offset * self.seen):
@@ -132,9 +132,9 @@ class _Search:
         ):
             if which.any():
                 stage.open(f"{self.target.name}: {', '.join(names[which])}", text)
-        later = self.described(plain.variant, plain.age + 1)
-        slow = not still.all() and later.score - plain.score < limits.alike
-        if slow and all(one.fault != "age" for one in stage.findings):
+        now, later = (self.misfit(way) ** 2 for way in (plain, plain._replace(age=plain.age + 1)))
+        told = float((self._nats(later) - self._nats(now))[self.seen].sum())
+        if not still.all() and not stage.findings and told < limits.alike:
             stage.open(self.target.name, "changes too slowly for its age to be known to a step")
         return bool((self.seen & ~still).any())
 
@@ -144,17 +144,17 @@ class _Search:
         before, after = self.misfit(plain), self.misfit(best)
         wrong = before > limits.suspect
         old, new = (float(np.sqrt(np.mean(m[wrong] ** 2))) for m in (before, after))
-        changed, made = changes(target, best), []
+        changed, made = faults(target, best), []
         if not changed or new > min(limits.margin * old, limits.left_max):
             changed, after = (), before
         else:
             near = [way for way in every if way.score - best.score < limits.alike]
             near = sorted([*near, *self._reordered(best)], key=lambda way: way.score)
-            others = dict.fromkeys(changes(target, way) for way in near)
+            others = dict.fromkeys(faults(target, way) for way in near)
             sure = self._sure(plain, best, wrong)
         for one in changed:
             fault = target.stage, one.fault, one.where, one.text, one.fix
-            rivals = _rivals(one, changed, others)[: limits.set_max - 1]
+            rivals = _rivals(one, changed, others)
             made.append(Finding(*fault, old, new, sure, one.value, rivals))
         left = float(after.max())
         if left > limits.unexplained:
@@ -177,21 +177,18 @@ class _Search:
         source_mean = around + middle * self.seen[:, None]
         return Moments(mean, self._std(self.logged) ** 2, source_mean, var, cov)
 
-    def described(self, way: Variant, age: int) -> Way:
-        """Return a variant of some age with the described gain, pose, order and options."""
-        gain, pose = (None, self.target.scale), (None, way.offset)
-        return self._fitted(way, age, gain, pose, self._moments(way, age), exact=True)
+    def described(self, way: Variant) -> Way:
+        """Return a variant with the described age, gain, pose and order."""
+        scale, order = self.target.scale, np.arange(len(self.spread))
+        whole = way, way.age, scale, way.offset, ()
+        return Way(*whole, 0.0, order, 0 * order, np.diag(0.0 * order), scale, scale * way.offset)
 
-    def _fitted(
-        self,
-        way: Variant,
-        age: int,
-        gain: Choice,
-        pose: Choice,
-        moments: Moments,
-        exact: bool = False,
-    ) -> Way:
-        """Return the best order and options of the single numbers; `exact`: none of them."""
+    def _nats(self, square: np.ndarray) -> np.ndarray:
+        """Return the negative log likelihood of numbers with square misfits."""
+        return self.limits.effective_rows / 2 * np.log(square + self.limits.floor**2)
+
+    def _fitted(self, way: Variant, age: int, gain: Choice, pose: Choice, moments: Moments) -> Way:
+        """Return the best order and options of the single numbers."""
         limits, factor, offset = self.limits, gain[1], pose[1]
         slope, shift, price = options(factor, offset, moments, limits.free_price)
         mse = (
@@ -201,17 +198,13 @@ class _Search:
             + (moments.mean[:, None] - slope * moments.source_mean - shift) ** 2
             - self.rounding[:, None]
         )
-        relative = np.maximum(mse, 0.0) / (self.spread**2)[:, None] + limits.floor**2
-        fit = limits.effective_rows / 2 * np.log(relative) * self.seen[:, None]
+        fit = self._nats(np.maximum(mse, 0.0) / self.spread[:, None] ** 2) * self.seen[:, None]
         j = np.arange(len(self.spread))
-        if exact:
-            option, scores, order = np.zeros((len(j), len(j)), int), fit[0], j
-        else:
-            total = fit + limits.price * price[:, None, None]
-            total[list(AT_OWN)] += HUGE * np.eye(len(j))
-            option = np.argmin(total, axis=0)  # (k, k)
-            scores = np.min(total, axis=0) + limits.price * (j[:, None] != j)
-            order = linear_sum_assignment(scores)[1]
+        total = fit + limits.price * price[:, None, None]
+        total[list(AT_OWN)] += HUGE * np.eye(len(j))
+        option = np.argmin(total, axis=0)  # (k, k)
+        scores = np.min(total, axis=0) + limits.price * (j[:, None] != j)
+        order = linear_sum_assignment(scores)[1]
         chosen = option[j, order]
         mistakes = tuple(filter(None, (way.mistake, late(age - way.age), gain[0], pose[0])))
         paid = sum(mistake.price for mistake in mistakes)
@@ -239,10 +232,10 @@ class _Search:
             np.sum((scale * (self.logged - self._predict(way)))[:, wrong] ** 2, axis=1)
             for way in (plain, best)
         ]
-        blocks = np.array_split(np.arange(len(self.use)), limits.blocks)
+        blocks = np.array_split(np.arange(len(self.use)), limits.rows_min)
         sums = np.array([[error[b].sum() for b in blocks] for error in errors])  # (2, blocks)
         rng = np.random.default_rng(0)
-        drawn = rng.integers(limits.blocks, size=(limits.draws, limits.blocks))
+        drawn = rng.integers(limits.rows_min, size=(limits.draws, limits.rows_min))
         old, new = sums[:, drawn].sum(axis=-1)  # (draws,) each
         return float(np.mean(new <= limits.margin**2 * old))
 
@@ -258,14 +251,14 @@ def _likeness(
 
 
 def _rivals(
-    one: Change, changed: Sequence[Change], others: Iterable[Sequence[Change]]
-) -> tuple[Rival, ...]:
-    """Return what stands in other ways in the place of a change of the best one."""
-    rivals = [
-        Rival(o.fault, o.where, o.text)
+    one: Fault, changed: Sequence[Fault], others: Iterable[Sequence[Fault]]
+) -> tuple[Fault, ...]:
+    """Return what stands in other ways in the place of a fault of the best one."""
+    rivals = {
+        (o.fault, o.where, o.text): o
         for other in others
         if not any(one.same(o) for o in other)
         for o in other
         if not any(o.same(own) for own in changed)
-    ]
-    return tuple(dict.fromkeys(rivals))
+    }
+    return tuple(rivals.values())

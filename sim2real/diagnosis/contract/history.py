@@ -1,7 +1,7 @@
 """How earlier observations are stacked in a vector, found from the vector alone.
 
-    newest, stage = unstack(values, about, rows, limits)    # (T, frame)
-    stage.findings                  # [] where frames are ordered, laid out and aged as described
+    newest = unstack(stage, values, about, rows, limits)    # (T, frame)
+    stage.findings                  # none where frames are ordered, laid out and aged as described
 
 A frame of age h must equal the newest frame of h rows before: that needs no channel of the log.
 """
@@ -20,13 +20,13 @@ from sim2real.diagnosis.settings import Contract
 
 
 def unstack(
-    values: np.ndarray, about: Description, rows: Rows, limits: Contract
-) -> tuple[np.ndarray, Stage]:
-    """Take vectors (T, H F) apart; return the newest frame (T, F), and how they were stacked."""
-    own, stage = about.history, Stage()
+    stage: Stage, values: np.ndarray, about: Description, rows: Rows, limits: Contract
+) -> np.ndarray:
+    """Take vectors (T, H F) apart; return the newest frame (T, F), and add how they are stacked."""
+    own = about.history
     plain = frames = _frames(values, own, about)
     if own.length == 1:
-        return plain[:, 0], stage
+        return plain[:, 0]
     before = _misfit(plain, 1, rows, limits)
     if before > limits.suspect:
         ways = [
@@ -46,7 +46,7 @@ def unstack(
         stage.findings.append(Finding(*fault, before, after))
     elif _misfit(plain, 0, rows, limits) <= limits.suspect:
         stage.open("history", "the frames are alike: their order is unknown")
-    return frames[:, 0], stage
+    return frames[:, 0]
 
 
 def _others(own: History, limits: Contract) -> Iterator[tuple[Mistake, History, int]]:

@@ -79,15 +79,13 @@ class Rows:
             count += 1
         return self.matrix([f"{kind}.{i}" for i in range(count)]) if count else None
 
-    def older(self, values: np.ndarray, steps: int) -> np.ndarray:
-        """Return values (T, …) of `steps` rows before; an episode's first where there are none."""
+    def older(self, values: np.ndarray, steps: int | np.ndarray) -> np.ndarray:
+        """Return values (T, …) of `steps` rows before, one number for all or one each (T,).
+
+        They are an episode's first where there are none.
+        """
         back = np.minimum(self.since, steps)
         return values[np.arange(len(self)) - back]
-
-    def held(self, values: np.ndarray, steps: int, phase: int) -> np.ndarray:
-        """Return values (T, …) that are renewed every `steps` rows only."""
-        back = (self.since - phase) % steps
-        return values[np.arange(len(self)) - np.minimum(back, self.since)]
 
     def smoothed(self, values: np.ndarray, share: float) -> np.ndarray:
         """Return y = share x + (1 - share) y of the row before, (T, k), from each episode's x."""

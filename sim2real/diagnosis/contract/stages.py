@@ -1,8 +1,8 @@
 """The three stages that data pass: the observation, the policy, and what became of the action.
 
-report = check_observation(rows, about, limits)       # obs.<i> against the raw channels
-report = check_policy(rows, about, actor, limits)     # action.<i> against actor(obs)
-report = check_action(rows, about, limits)            # ctrl.<actuator> against the action
+check_observation(stage, rows, about, limits)         # obs.<i> against the raw channels
+check_policy(stage, rows, about, actor, limits)       # action.<i> against actor(obs)
+check_action(stage, rows, about, limits)              # ctrl.<actuator> against the action
 """
 
 from collections.abc import Callable
@@ -29,28 +29,25 @@ FILTERS = np.arange(1, 10) / 10  # weights of the new value, from 0 to 1
 LIMITED = "flag.limited"  # 1 in rows in which the robot's guard sent something else
 
 
-def check_observation(rows: Rows, about: Description, limits: Contract) -> Stage:
+def check_observation(stage: Stage, rows: Rows, about: Description, limits: Contract) -> None:
     """Compare the logged observation with the one rebuilt from the raw channels.
 
     Raises:
         ContractError: an observation of another size, or a channel that the log lacks.
     """
-    stage = Stage()
     seen = rows.numbered("obs")
     if seen is None:
         text = "obs.<i> is not logged, so what the policy saw cannot be compared"
         stage.open("observation", text)
-        return stage
+        return
     about.check_size(rows.place, "an observation has", seen.shape[1])
-    newest, stacked = unstack(_unnormalized(stage, seen, rows, about, limits), about, rows, limits)
-    stage.add(stacked)
+    newest = unstack(stage, _unnormalized(stage, seen, rows, about, limits), about, rows, limits)
     for term, part in about.parts(newest):
         if term.rebuilt:
             stage.add(_decoded(part, term, rows, about, limits))
         else:
             text = f"{term.size} numbers have no channel in the log and were not checked"
             stage.open(term.kind, text)
-    return stage
 
 
 def _decoded(
@@ -95,7 +92,7 @@ def _unnormalized(
 def _rebuilt_misfit(values: np.ndarray, rows: Rows, about: Description, limits: Contract) -> float:
     """Return the median misfit of all rebuilt numbers of the newest frame as described."""
     use, sizes = rows.deep(limits.ages_max), [np.zeros(0)]
-    for term, part in about.parts(unstack(values, about, rows, limits)[0]):
+    for term, part in about.parts(unstack(Stage(), values, about, rows, limits)):
         if term.rebuilt:
             way = variants(term, rows, about)[0]
             made = term.scale * (rows.older(way.values, way.age) + way.offset)
@@ -126,15 +123,17 @@ def actions_of(rows: Rows, about: Description) -> np.ndarray:
 
 
 def check_policy(
+    stage: Stage,
     rows: Rows,
     about: Description,
     actor: Actor | None,
     limits: Contract,
     normalizer: np.ndarray | None,
-) -> Stage:
+) -> None:
     """Compare the logged action with what the policy makes of the logged observation.
 
     Args:
+        stage: gets what is found.
         rows: of the logs.
         about: the description.
         actor: observations (n, D) to actions (n, A); None if the policy is not there.
@@ -144,12 +143,11 @@ def check_policy(
     Raises:
         ContractError: see `actions_of`, or a policy of another number of actions.
     """
-    stage = Stage()
     seen, done = rows.numbered("obs"), actions_of(rows, about)
     if actor is None or seen is None:
         what = "no policy was given" if actor is None else "obs.<i> is not logged"
         stage.open("policy", f"{what}, so no action was computed again")
-        return stage
+        return
     plain = Variant(None, actor(seen), np.zeros(done.shape[1]))
     if plain.values.shape != done.shape:
         raise ContractError(
@@ -171,7 +169,7 @@ def check_policy(
     ways += _held(rows, plain, limits, "run the policy every control step")
     elements = [str(i) for i in range(done.shape[1])]
     target = Target("policy", "action", elements, done, np.ones(done.shape[1]), False)
-    return decode(target, ways, rows, limits)
+    stage.add(decode(target, ways, rows, limits))
 
 
 def _held(rows: Rows, plain: Variant, limits: Contract, fix: str) -> list[Variant]:
@@ -179,7 +177,7 @@ def _held(rows: Rows, plain: Variant, limits: Contract, fix: str) -> list[Varian
     return [
         Variant(
             Mistake("rate", f"is renewed every {n} rows only", fix),
-            rows.held(plain.values, n, phase),
+            rows.older(plain.values, (rows.since - phase) % n),
             plain.offset,
         )
         for n in range(2, limits.ages_max + 2)
@@ -187,13 +185,13 @@ def _held(rows: Rows, plain: Variant, limits: Contract, fix: str) -> list[Varian
     ]
 
 
-def check_action(rows: Rows, about: Description, limits: Contract) -> Stage:
+def check_action(stage: Stage, rows: Rows, about: Description, limits: Contract) -> None:
     """Compare the commands with what the description makes of the actions.
 
     Raises:
         ContractError: a log without actions, or without the commands of a joint.
     """
-    law, stage, names = about.action, Stage(), list(about.actuators)
+    law, names = about.action, list(about.actuators)
     sent, done = rows.matrix([f"ctrl.{name}" for name in names]), actions_of(rows, about)
     clipped: list[Variant] = []
     if law.law == "logged_goal":
@@ -201,7 +199,7 @@ def check_action(rows: Rows, about: Description, limits: Contract) -> Stage:
         if not rows.has(goals):
             text = "action.<actuator> is not logged, so the commands cannot be compared"
             stage.open("ctrl", text)
-            return stage
+            return
         plain = Variant(None, rows.matrix(goals), np.zeros(len(names)))
     else:
         if done.shape[1] != sent.shape[1]:
@@ -224,8 +222,8 @@ def check_action(rows: Rows, about: Description, limits: Contract) -> Stage:
     if many and all(one.fault == "unexplained" for one in found.findings):
         text = f"the guard cut {cut.sum()} of {len(cut)} rows: what became of actions is unknown"
         stage.open("ctrl", text)
-        return stage
-    return found
+    else:
+        stage.add(found)
 
 
 def _cut(sent: np.ndarray, cut: np.ndarray, rows: Rows, step: np.ndarray) -> np.ndarray:

@@ -109,8 +109,6 @@ def make_term(place: str, given: Any, joints: tuple[str, ...], actions: int) -> 
     kind = choice(f"{place}: term", given["term"], tuple(KINDS))
     place = f"{place} ({kind})"
     check_keys(place, given, ("term", "scale", *KINDS[kind].keys))
-    if kind == "phase" and "frequency" not in given:
-        raise ContractError(f"{place}: the key frequency [1/s] is missing")
     elements = _elements(place, kind, given, joints, actions)
     relative = given.get("relative", kind == "joint_position")
     return Term(
@@ -120,7 +118,7 @@ def make_term(place: str, given: Any, joints: tuple[str, ...], actions: int) -> 
         of_type(f"{place}: relative", relative, bool, "true or false"),
         of_type(f"{place}: site", given.get("site"), str | None, "a name of an IMU's site or null"),
         choice(f"{place}: frame", given.get("frame", "body"), get_args(Frame)),
-        positive(f"{place}: frequency", given["frequency"]) if "frequency" in given else 0.0,
+        positive(f"{place}: frequency [1/s]", given.get("frequency")) if kind == "phase" else 0.0,
         elements if given.get("channels") else (),
     )
 

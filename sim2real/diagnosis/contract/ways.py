@@ -6,17 +6,16 @@ A way says of each number j which element i it shows, and value_j = slope_j x_i(
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from sim2real.diagnosis.contract.answer import Fault
 from sim2real.diagnosis.contract.rebuild import Mistake, Variant
 
 DEGREES = 180.0 / np.pi
 ROUNDED, AT_MOST = 12.0, 4.0  # step² over the mean and the largest square of rounding to it
-SAME_VALUE = 0.05  # two fitted values that differ by less are reported as one
 RESTING = 3.0  # steps: a number that spreads less is rounded alike all the time
 
 
@@ -59,23 +58,6 @@ class Target(NamedTuple):
         """
         rests = spread < RESTING * self.resolution
         return self.resolution**2 / np.where(rests, AT_MOST, ROUNDED)
-
-
-class Change(NamedTuple):
-    """One way in which the log differs from the description: a mistake and where it is."""
-
-    where: str  # the term, and the elements if they are not all
-    fault: str
-    text: str
-    fix: str
-    value: float | None
-
-    def same(self, other: Change) -> bool:
-        """Return whether another one is this one, with a slightly different value."""
-        if self.value is None or other.value is None:
-            return self == other
-        alike = self[:2] == other[:2]
-        return alike and math.isclose(self.value, other.value, rel_tol=SAME_VALUE)
 
 
 # a factor or an offset (k,) that a whole term may have, and the mistake that it is if it is one
@@ -220,7 +202,7 @@ def options(
     return slope, shift, np.array(prices)
 
 
-def changes(target: Target, way: Way) -> tuple[Change, ...]:
+def faults(target: Target, way: Way) -> tuple[Fault, ...]:
     """Return what a way changes, in words."""
     names = tuple(target.elements)
     found = [(mistake, names) for mistake in way.mistakes]
@@ -245,6 +227,6 @@ def changes(target: Target, way: Way) -> tuple[Change, ...]:
             ratio = float(way.slope[j] / way.factor[j])
             found.append((_scaled(f"at {name} ", ratio), (name,)))
     return tuple(
-        Change(target.place(of), one.fault, f"{target.name} {one.text}", one.fix, one.value)
+        Fault(one.fault, target.place(of), f"{target.name} {one.text}", one.fix, one.value)
         for one, of in found
     )

@@ -11,7 +11,8 @@ over joints. Nobody knows which explanation is the robot, so of each of the P pa
 (`pairs`) the worse direction counts.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import combinations
 from typing import NamedTuple, TypeVar
 
@@ -69,14 +70,7 @@ def separation(members: Sequence[Member], motions: Sequence[Recording], asked: A
         model = _Model(member, motions, asked)
         made = model.predicted(model.values)
         views.append((made, model.slopes(model.values, made)))
-    found = [
-        [
-            np.minimum(_left(one, other, k, motion), _left(other, one, k, motion))
-            for k, motion in enumerate(motions)
-        ]
-        for one, other in pairs(views)
-    ]
-    return np.transpose(found)
+    return np.array([_worse(views, partial(_left, k, m)) for k, m in enumerate(motions)])
 
 
 def refitted(members: Sequence[Member], motion: Recording, asked: Asked) -> np.ndarray:
@@ -86,12 +80,12 @@ def refitted(members: Sequence[Member], motion: Recording, asked: Asked) -> np.n
     the motion.
     """
     models = [_Model(member, [motion], asked) for member in members]
-    return np.array(
-        [
-            np.minimum(_settled(one, other, motion), _settled(other, one, motion))
-            for one, other in pairs(models)
-        ]
-    )
+    return _worse(models, partial(_settled, motion))
+
+
+def _worse(members: Sequence[T], left: Callable[[T, T], float]) -> np.ndarray:
+    """Return what is left of each pair in the worse direction, (P,); NaN where it is in one."""
+    return np.array([np.minimum(left(a, b), left(b, a)) for a, b in pairs(members)])
 
 
 class _Model:
@@ -160,7 +154,7 @@ class _Model:
 _View = tuple[list[np.ndarray], list[np.ndarray]]  # predictions and their slopes
 
 
-def _left(view: _View, other: _View, k: int, motion: Recording) -> float:
+def _left(k: int, motion: Recording, view: _View, other: _View) -> float:
     """Return what a linear refit leaves of another explanation's motion k."""
     (made, slopes), (wanted, _) = view, other
     off = np.concatenate([wanted[k] - made[k], wanted[-1] - made[-1]])
@@ -171,7 +165,7 @@ def _left(view: _View, other: _View, k: int, motion: Recording) -> float:
     return _size((off - slope @ step)[: len(made[k])], motion)
 
 
-def _settled(robot: _Model, member: _Model, motion: Recording) -> float:
+def _settled(motion: Recording, robot: _Model, member: _Model) -> float:
     """Return what is left of a robot's motion once a member has refitted, in noise floors."""
     wanted = robot.predicted(robot.values)
 

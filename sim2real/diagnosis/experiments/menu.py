@@ -23,7 +23,8 @@ from sim2real.diagnosis.settings import DEFAULT
 from sim2real.diagnosis.settings import Experiment as Limits
 
 GRAM = 1e-3  # kg
-HALF = 0.5  # of the P gain
+HALF = 0.5  # of the P gain; of gravity, which a tilted base takes to the side
+TILT = np.arcsin(HALF)  # rad
 LEAD, SPHERE = 11_340.0, 4 / 3 * np.pi  # kg/m^3; volume of a ball of radius 1
 LENGTHS = (0.5, 1.0, 2.0)  # of drawn motions, in lengths of the menu's
 SEEDS = 2**31  # of drawn motions: fewer than so many
@@ -38,7 +39,6 @@ class Item(NamedTuple):
         seconds: of the motion.
         size: part of the way to the nearer limit that it goes.
         seed: of its phases and poses.
-        setup: seconds that it takes besides the motion, to change something by hand.
         by_hand: what to change first; None for nothing.
         change: the same, done to a model.
         override: the same for the command line of `record`; None where a hand has to do it.
@@ -49,10 +49,14 @@ class Item(NamedTuple):
     seconds: float = DEFAULT.experiment.motion_s
     size: float = DEFAULT.experiment.size
     seed: int = 0
-    setup: float = 0.0
     by_hand: str | None = None
     change: Callable[[mujoco.MjSpec], None] | None = None
     override: Callable[[Robot], str] | None = None
+
+    @property
+    def needs_hand(self) -> bool:
+        """Whether somebody has to change something first; a register is written in no time."""
+        return self.by_hand is not None and self.override is None
 
 
 WORDS: dict[Kind, str] = {
@@ -83,9 +87,8 @@ def drawn(
 def menu(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> list[Item]:
     """Return the motions that a robot can be asked for; what its model cannot show is left out."""
     item = partial(Item, seconds=settings.motion_s, size=settings.size)
-    by_hand = partial(item, setup=settings.hand_s)
-    supply, mass, degrees = settings.supply, _spare_mass(spec, settings), np.rad2deg(settings.tilt)
-    load = by_hand(
+    supply, mass, degrees = settings.supply, _spare_mass(spec, settings), np.rad2deg(TILT)
+    load = item(
         f"ramps and steps with {mass / GRAM:.0f} g at the end",
         ("ramp", "steps"),
         by_hand=f"fix {mass / GRAM:.0f} g to the end of the last link",
@@ -96,23 +99,22 @@ def menu(spec: mujoco.MjSpec, settings: Limits = DEFAULT.experiment) -> list[Ite
         item(
             "steps and holds at half the P gain",
             ("steps", "hold"),
-            setup=settings.gain_s,
             by_hand="halve the P gain",
             change=partial(_scale, HALF, 1.0),
             override=lambda robot: f"robot.registers.position_p_gain={_lower_gain(robot)}",
         ),
-        by_hand(
+        item(
             f"steps and a chirp at {supply:.0%} of the supply",
             ("steps", "chirp"),
             by_hand=f"lower the supply's voltage to {supply:.0%}",
             change=partial(_scale, supply, supply),  # back-EMF does not go with the voltage
         ),
         *([load] if mass > 0 else []),
-        by_hand(
+        item(
             f"ramps and holds with the base tilted by {degrees:.0f} degrees",
             ("ramp", "hold"),
             by_hand=f"tilt the base by {degrees:.0f} degrees about its y axis",
-            change=partial(_tilt, settings.tilt),
+            change=_tilt,
         ),
     ]
 
@@ -160,8 +162,8 @@ def _load(mass: float, spec: mujoco.MjSpec) -> None:
     load.add_geom(type=ball, size=size, mass=mass, contype=0, conaffinity=0)
 
 
-def _tilt(angle: float, spec: mujoco.MjSpec) -> None:
+def _tilt(spec: mujoco.MjSpec) -> None:
     """Tilt the base about its y axis: gravity turns the other way."""
     x, y, z = spec.option.gravity
-    c, s = np.cos(angle), np.sin(angle)
+    c, s = np.cos(TILT), np.sin(TILT)
     spec.option.gravity = np.array([c * x + s * z, y, c * z - s * x])

@@ -164,7 +164,7 @@ class _Near:
         Else the evidence that it gives in a second of that time.
         """
         item, distances = scored
-        least, time = self.least(distances), item.seconds + item.setup
+        least, time = self.least(distances), item.seconds + self.settings.hand_s * item.needs_hand
         sure = self.settings.apart_sure
         if least >= sure:
             return True, -time, least

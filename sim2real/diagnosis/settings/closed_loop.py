@@ -12,7 +12,6 @@ class ClosedLoopSettings:
     episodes: int = setting(32, "1", "number of episodes in each simulator", COST)
     rows: int = setting(4, "1", "number of consecutive rows in a sample", JUDGED)
     samples: int = setting(40, "1", "largest number of samples from an episode", COST)
-    draws: int = setting(200, "1", "number of resamples of episodes for the intervals", COST)
     negligible: float = setting(
         0.05,
         "1",

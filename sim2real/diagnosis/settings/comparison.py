@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from sim2real.diagnosis.settings.base import COST, JUDGED, setting
+from sim2real.diagnosis.settings.base import JUDGED, setting
 
 
 @dataclass(frozen=True)
@@ -74,49 +74,14 @@ class Compared:
         "smallest response of a reported change, relative to the response to other differences",
         "measured: of 12 pairs with 15 % more friction at one joint the smallest had 1.1",
     )
-    excused_rounds: int = setting(
-        2, "1", "number of simulations with the changes attributed to other differences", COST
-    )
-    shared_max: int = setting(
-        2,
-        "1",
-        "largest number of effects, besides friction, that are fitted to all logs together",
-        COST,
-    )
     shared_worth: float = setting(
-        0.1, "1", "smallest fraction of the gap that each of these effects must close", JUDGED
-    )
-    same_temperature: float = setting(
-        1.0,
-        "K",
-        "largest difference between median temperatures that count as equal",
-        "derived: copper resists 0.4 % more a kelvin, and half a per cent is seen",
-    )
-    clock: float = setting(
-        5e-4,
-        "s",
-        "standard deviation of the change of a joint's reading time",
-        "derived: a servo's ticks are about a millisecond apart",
+        0.1, "1", "smallest fraction of the gap that an effect of both sides must close", JUDGED
     )
     warm_friction: float = setting(
         0.01,
         "1/K",
         "expected relative decrease of all friction per kelvin, and its standard deviation",
         "judgement: grease thins by about 1 % a kelvin",
-    )
-    warm_strength: float = setting(
-        0.004,
-        "1/K",
-        "expected relative decrease of all motors' strength per kelvin, and its standard deviation",
-        "derived: copper resists 0.4 % more a kelvin",
-    )
-    unequal: float = setting(
-        0.005,
-        "1/K",
-        "relative change of one joint's friction, strength or gain per kelvin that may be "
-        "due to temperature; at least one kelvin is assumed",
-        "measured: four pairs of an emulated arm2 that became warmer by 4 to 8 K differed by 0.3 "
-        "to 0.4 % a kelvin between joints that warmed alike",
     )
     unknown_warmer: float = setting(
         10.0, "K", "temperature difference assumed if temperatures are not logged", JUDGED
@@ -127,6 +92,15 @@ class Compared:
         "smallest relative difference of median voltages that counts as a changed supply",
         JUDGED,
     )
+
+    @property
+    def unequal(self) -> float:
+        """Relative change per kelvin of one joint's friction, strength or gain that may be warmth.
+
+        Half of what all friction loses: of four pairs of an emulated arm2 that became warmer by 4
+        to 8 K, joints that warmed alike differed by 0.3 to 0.4 % a kelvin.
+        """
+        return self.warm_friction / 2
 
     @property
     def logs_min(self) -> int:

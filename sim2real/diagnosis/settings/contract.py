@@ -20,15 +20,11 @@ class Contract:
     margin: float = setting(
         0.5, "1", "a fault is named only if it reduces the misfit to at most this fraction", JUDGED
     )
-    floor: float = setting(2e-3, "1", "misfit below which fits count as equally good", JUDGED)
     effective_rows: int = setting(
         30, "1", "number of independent rows that is assumed when faults are compared", JUDGED
     )
     free_price: float = setting(
         1.5, "1", "evidence that a fault with a fitted value needs, relative to one without", JUDGED
-    )
-    set_max: int = setting(
-        3, "1", "largest number of alternatives that are listed with a fault", JUDGED
     )
     still: float = setting(
         0.01, "1", "standard deviation below which a number is constant, before scaling", JUDGED
@@ -36,11 +32,14 @@ class Contract:
     ages_max: int = setting(
         4, "1", "largest age of an observation or action that is tried, in control steps", COST
     )
-    ways_few: int = setting(
-        4, "1", "number of variants of a term up to which each is tried at every age", COST
+    rows_min: int = setting(
+        20, "1", "smallest number of rows, and number of blocks of rows that are resampled", JUDGED
     )
-    rows_min: int = setting(20, "1", "smallest number of rows that allows an answer", JUDGED)
-    blocks: int = setting(20, "1", "number of blocks of rows that are resampled", JUDGED)
+
+    @property
+    def floor(self) -> float:
+        """Misfit below which fits count as equally good: a fifth of what is suspect."""
+        return self.suspect / 5
 
     @property
     def left_max(self) -> float:
@@ -55,7 +54,7 @@ class Contract:
     @property
     def draws(self) -> int:
         """Resamples that give the certainty of a fault."""
-        return RESAMPLES * self.blocks
+        return RESAMPLES * self.rows_min
 
     @property
     def price(self) -> float:

@@ -1,6 +1,5 @@
 """Settings of the next recording: motions, refits, and a robot known by its model alone."""
 
-import math
 from dataclasses import dataclass
 
 from sim2real.diagnosis.settings.base import JUDGED, setting
@@ -23,7 +22,6 @@ class Experiment:
     edge: float = setting(
         0.05, "1", "part of a joint's range, at each limit, in which no motion starts", JUDGED
     )
-    gain_s: float = setting(5.0, "s", "time assumed for changing a register", JUDGED)
     hand_s: float = setting(60.0, "s", "time assumed for a change by hand", JUDGED)
     supply: float = setting(
         0.85, "1", "supply voltage in a proposed motion, relative to the full voltage", JUDGED
@@ -34,7 +32,6 @@ class Experiment:
         "mass of an additional load in a proposed motion, relative to the moving mass",
         JUDGED,
     )
-    tilt: float = setting(math.pi / 6, "rad", "tilt of the base in a proposed motion", JUDGED)
 
     @property
     def size_min(self) -> float:

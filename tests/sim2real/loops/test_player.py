@@ -23,7 +23,7 @@ from sim2real.loops.player import PolicySimulator, load_player
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.trained import SMALL_ES, train
 
-FEW = replace(DEFAULT, closed_loop=ClosedLoopSettings(episodes=6, draws=60))
+FEW = replace(DEFAULT, closed_loop=ClosedLoopSettings(episodes=6))
 HIDDEN = {"effect": "motor_strength", "where": "hinge", "value": 0.4}
 WEAK = [Drawn(make("motor_strength", where="hinge"), (0.4,), (0.38, 0.42))]
 

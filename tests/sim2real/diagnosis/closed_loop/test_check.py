@@ -15,7 +15,11 @@ from sim2real.diagnosis.settings import DEFAULT, ClosedLoopSettings
 from sim2real.runs.errors import Sim2RealError
 from tests.sim2real.diagnosis.report import sample
 
-FEW = replace(DEFAULT, closed_loop=ClosedLoopSettings(episodes=8, draws=40, samples=20))
+FEW = replace(
+    DEFAULT,
+    closed_loop=ClosedLoopSettings(episodes=8, samples=20),
+    bootstrap=replace(DEFAULT.bootstrap, draws=40),
+)
 RATE, ROWS = 50.0, 60
 STEP = 1 / RATE
 WEAK = [Drawn(make("motor_strength", where="hinge"), (0.5,), (0.45, 0.55))]

@@ -51,10 +51,9 @@ def changes(
         SimpleNamespace(option=SimpleNamespace(name=f"effect{k}", shared=False))
         for k in range(COLUMNS - 1)
     ]
-    reach = np.full(COLUMNS - 1, np.inf)
-    beside = Confounded((), excused, (), (), (), np.array(least), NOTHING, reach, None)
+    beside = Confounded((), excused, (), (), (), np.array(least), NOTHING, None)
     permuted = Permuted(made, rng, draws)
-    return find_changes(permuted, columns, beside, NOTHING, DEFAULT, DEFAULT.compared.alpha)
+    return find_changes(permuted, columns, beside, DEFAULT, DEFAULT.compared.alpha)
 
 
 @pytest.mark.parametrize("sided", [False, True], ids=["differences", "sides"])

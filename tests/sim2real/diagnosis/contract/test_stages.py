@@ -3,10 +3,14 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from hardware.log import Log
+from sim2real.diagnosis.contract.decode import decode
+from sim2real.diagnosis.contract.rebuild import Variant
 from sim2real.diagnosis.contract.rows import Rows
 from sim2real.diagnosis.contract.stages import Stage, check_action
+from sim2real.diagnosis.contract.ways import Target
 from sim2real.diagnosis.settings import DEFAULT
 from tests.sim2real.diagnosis.contract.walk import (
     JOINTS,
@@ -28,7 +32,9 @@ def commands(path: Path, action: np.ndarray, sent: np.ndarray, limited: np.ndarr
     columns |= {f"qpos.{name}": rounded[:, i] for i, name in enumerate(JOINTS)}
     columns |= {f"ctrl.{name}": rounded[:, i] for i, name in enumerate(JOINTS)}
     rows = Rows.of([Log(columns, {})])
-    return check_action(rows, described(path / "OBS.yaml"), DEFAULT.contract)
+    stage = Stage()
+    check_action(stage, rows, described(path / "OBS.yaml"), DEFAULT.contract)
+    return stage
 
 
 def test_a_wrong_scale_far_from_the_pose_is_no_offset(tmp_path):
@@ -73,3 +79,16 @@ def test_what_the_guard_cut_all_the_time_is_said_and_not_guessed(tmp_path):
     made = commands(tmp_path, action, POSE + 0.1 * rng.standard_normal((ROWS, 4)), np.ones(ROWS))
     assert made.findings == []
     assert any("the guard cut 300 of 300 rows" in one.text for one in made.cannot_tell)
+
+
+@pytest.mark.parametrize(("seconds", "told"), [(2, True), (200, False)])
+def test_a_number_that_hardly_changes_in_a_step_has_no_age(seconds, told):
+    """A ramp of 200 s is the same a step later, as far as misfits are told from each other."""
+    count = 50 * seconds
+    ramp = np.linspace(0.0, 1.0, count)[:, None]
+    columns = {"episode": np.zeros(count), "time": np.arange(count) / 50.0}
+    rows = Rows.of([Log({**columns, "qpos.x": ramp[:, 0], "ctrl.x": ramp[:, 0]}, {})])
+    target = Target("observation", "channel", ["x"], ramp, np.ones(1), False)
+    stage = decode(target, [Variant(None, ramp, np.zeros(1))], rows, DEFAULT.contract)
+    assert stage.findings == []
+    assert [one.where for one in stage.cannot_tell] == ["channel"] * (not told)

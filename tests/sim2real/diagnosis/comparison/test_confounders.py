@@ -1,41 +1,17 @@
 """What temperature may have done is simulated, and only what that leaves is compared."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from sim2real.diagnosis.comparison.confounders import confounders
-from sim2real.diagnosis.comparison.excused import Excused, excuse
-from sim2real.diagnosis.comparison.pieces import Pieces, contrasts
-from sim2real.diagnosis.comparison.prepared import Prepared, prepare
-from sim2real.diagnosis.settings import DEFAULT, Settings
+from sim2real.diagnosis.comparison.confounders import confounders, excuse
+from sim2real.diagnosis.comparison.pieces import contrasts
+from sim2real.diagnosis.comparison.prepared import prepare
+from sim2real.diagnosis.settings import DEFAULT
 from tests.sim2real.diagnosis import arm
 from tests.sim2real.diagnosis.comparison.test_compare import WATCH, noisy
 
 FRICTION = ("coulomb_friction", {"where": None})
 BEFORE, AFTER = [0], [1]
-
-
-def excused(model: str, rounds: int) -> tuple[Pieces, Excused, Prepared]:
-    """Compare an arm with one that is 20 K colder and has a quarter more friction in all joints."""
-    compared = replace(DEFAULT.compared, excused_rounds=rounds)
-    settings: Settings = replace(DEFAULT, compared=compared)
-    logs = [
-        noisy(
-            arm.make_log((*FRICTION, value), seconds=12.0, seed=3),
-            n,
-            temperature=warm,
-            voltage=12.0,
-        )
-        for n, (value, warm) in enumerate([(0.08, 30.0), (0.1, 10.0)])
-    ]
-    made = prepare(logs, model, [], WATCH, settings)
-
-    first = contrasts(made, made.error, BEFORE, AFTER)
-    beside = confounders(made, BEFORE, AFTER, True)
-    left = excuse(first, made, (BEFORE, AFTER), beside)
-    return first, left, made
 
 
 @pytest.fixture(scope="module")
@@ -46,20 +22,26 @@ def model(tmp_path_factory) -> str:
 
 @pytest.mark.slow
 def test_colder_joints_are_simulated_until_noise_is_left(model) -> None:
-    """Both sides are recorded along one motion: their noise's difference is all that stays."""
-    first, found, made = excused(model, 2)
-    rest = np.sqrt(np.mean(found.pieces.before_rms**2) / np.mean(first.before_rms**2))
-    assert rest < 0.5
-    moved = {made.response.columns[k].option.name: change for k, change in found.moved.items()}
+    """One arm is 20 K colder than the other and has a quarter more friction in all joints.
+
+    Both are recorded along one motion: their noise's difference is all that stays.
+    """
+    logs = [
+        noisy(
+            arm.make_log((*FRICTION, value), seconds=12.0, seed=3),
+            n,
+            temperature=warm,
+            voltage=12.0,
+        )
+        for n, (value, warm) in enumerate([(0.08, 30.0), (0.1, 10.0)])
+    ]
+    made = prepare(logs, model, [], WATCH, DEFAULT)
+    first = contrasts(made, made.error, BEFORE, AFTER)
+    beside = confounders(made, BEFORE, AFTER, True)
+    pieces, changes = excuse(first, made, (BEFORE, AFTER), beside)
+    assert np.sqrt(np.mean(pieces.rms**2) / np.mean(first.rms**2)) < 0.5
+    moved = {made.response.columns[k].option.name: change for k, change in changes.items()}
     assert moved["coulomb_friction"] == pytest.approx(0.02, rel=0.15)
-
-
-@pytest.mark.slow
-def test_without_rounds_everything_is_left(model) -> None:
-    """The errors are those of the same model on both sides."""
-    first, found, _ = excused(model, 0)
-    assert found.pieces is first
-    assert set(found.moved.values()) == {0.0}
 
 
 @pytest.mark.parametrize(("warm", "kelvins"), [(40.0, 10.0), (30.2, 1.0)])
