@@ -20,7 +20,7 @@ from sim2real.diagnosis.design import design
 from sim2real.diagnosis.inference.conclusion import Conclusion
 from sim2real.diagnosis.numerics import is_numerics
 from sim2real.diagnosis.outcome import Diagnosis, blocking_findings, intervals_of
-from sim2real.diagnosis.preflight.torques import measured_torques
+from sim2real.diagnosis.preflight.control_laws import measured_torques
 from sim2real.diagnosis.prepare import PreparedLogs
 from sim2real.diagnosis.report.traces import signals, traces
 from sim2real.diagnosis.schema import Finding

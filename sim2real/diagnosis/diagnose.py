@@ -155,7 +155,7 @@ def run_diagnosis(
         tuple(Member(*one) for one in made.alike),
         {joint.name: float(f) for joint, f in zip(data.joints, floors, strict=True)},
     )
-    whole = partial(replayed, prepared=prepared, settings=settings.hunting)
+    whole = partial(replayed, prepared=prepared, settings=settings)
     outcome = added(outcome, "the replay of whole recordings", whole)
     if on_verdict is not None:
         on_verdict(outcome)

@@ -64,7 +64,7 @@ def prepare(
         refuse_clock(log, settings)
     driven = _driven(logs, model)
     logs, held = mark_blocked(logs, driven, settings)
-    logs, hunts = mark_hunting(logs, driven, settings.hunting)
+    logs, hunts = mark_hunting(logs, driven, settings)
     estimates = estimate_all(logs, model, settings.ground)
     logs = [one.log for one in estimates] or logs
     given = data = Data.of(logs, model, settings)

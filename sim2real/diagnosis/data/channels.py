@@ -64,7 +64,7 @@ def contradicting(
     """Yield check, location, finding and fix for each channel whose error the causes increase."""
     for gap in gaps:
         far = gap.after - gap.before > settings.sigmas * gap.noise
-        if far and gap.after > settings.worse * gap.before:
+        if far and gap.after > settings.ratio[1] * gap.before:
             yield (
                 "witness",
                 gap.column.partition(".")[2],

@@ -35,7 +35,7 @@ def refuse_kinds(log: Log, spec: mujoco.MjSpec, settings: Settings = DEFAULT) ->
     alike = {name: _likeness(log, name, joint, settings) for name, joint in joints.items()}
     servos = [is_servo(model, model.actuator(name).id) for name in joints]
     place, names = log.path or "the log", ", ".join(joints)
-    if not any(servos) and all(one > limits.follows for one in alike.values()):
+    if not any(servos) and all(one > limits.share for one in alike.values()):
         if _gap(log, spec, joints, settings) > limits.lost:
             raise Sim2RealError(
                 f"{place}: the joints follow the commands of {names} like desired positions, but "

@@ -44,12 +44,12 @@ def refuse_clock(log: Log, settings: Settings = DEFAULT) -> None:
     """
     limits, place = settings.preflight, log.path or "the log"
     step = float(np.median(np.concatenate([np.diff(part.time) for part in log.episodes()])))
-    if not limits.fastest_s <= step <= limits.slowest_s:
-        factor = THOUSAND if step < limits.fastest_s else 1 / THOUSAND
+    least, most = limits.row_s
+    if not least <= step <= most:
+        factor = THOUSAND if step < least else 1 / THOUSAND
         raise Sim2RealError(
-            f"{place}: its rows are {step:.4g} s apart, not {limits.fastest_s:g} to "
-            f"{limits.slowest_s:g} s; convert `time` to seconds, for example multiply it by "
-            f"{factor:g}"
+            f"{place}: its rows are {step:.4g} s apart, not {least:g} to {most:g} s; convert "
+            f"`time` to seconds, for example multiply it by {factor:g}"
         )
     for part in log.episodes():
         steps = np.diff(part.time)

@@ -122,7 +122,7 @@ def _jump(lags: Mapping[str, Sequence], limits: Preflight) -> tuple[float, float
     """
     joints = [np.array(windows).T for windows in lags.values() if windows]  # (2, n) each
     times = np.unique(np.concatenate([time for time, _ in joints])) if joints else np.zeros(0)
-    best, answer = limits.lag_jump_s, None
+    best, answer = limits.sigmas * limits.offset_s, None
     for cut in (times[:-1] + times[1:]) / 2:
         sides = [(lag[time < cut], lag[time > cut]) for time, lag in joints]
         sides = [pair for pair in sides if min(map(len, pair)) >= limits.lag_windows]

@@ -19,7 +19,7 @@ import numpy as np
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
 from sim2real.diagnosis.data.pairs import name_of
-from sim2real.diagnosis.data.recording import flagged
+from sim2real.diagnosis.data.recording import flagged, powered
 from sim2real.diagnosis.data.windows import BLOCKED
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, Obstruction, Settings
@@ -119,8 +119,7 @@ def _resting(log: Log, servo: tuple[str, str], settings: Obstruction) -> np.ndar
         first, last = (np.searchsorted(time, time + side - ROUNDING) for side in sides)
         spans = zip(first, np.minimum(last, len(time) - 1) + 1, strict=True)
         found.append(np.array([np.ptp(position[a:b]) < settings.still for a, b in spans]))
-    on = log.columns.get(f"torque.{servo[0]}", np.ones(len(log))) > 0
-    return np.concatenate(found) & on
+    return np.concatenate(found) & powered(log, servo[0])
 
 
 def _widened(log: Log, rows: np.ndarray, margin: float) -> np.ndarray:
