@@ -23,7 +23,6 @@ from sim2real.diagnosis.outcome import Diagnosis, blocking_findings, intervals_o
 from sim2real.diagnosis.preflight.control_laws import measured_torques
 from sim2real.diagnosis.prepare import PreparedLogs
 from sim2real.diagnosis.report.traces import signals, traces
-from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import Settings
 from sim2real.runs.errors import Sim2RealError
 
@@ -80,8 +79,8 @@ def witnessed(found: Diagnosis, data: Data) -> Diagnosis:
     pairs = list(zip(data.logs, data.log_models, strict=True))
     torque = measured_torques(pairs, data.settings.preflight)
     gaps = channel_gaps(data, found.known, found.effects if found.found else None, torque)
-    against = [Finding(*words) for words in contradicting(gaps, data.settings.preflight)]
     report, evidence = found.report, replace(found.report.evidence, channels=gaps)
+    against = contradicting(gaps, data.settings.preflight)
     report = replace(report, preflight=(*report.preflight, *against), evidence=evidence)
     return found._replace(report=report)
 

@@ -30,7 +30,7 @@ from sim2real.diagnosis.closed_loop.check import LoadPlayer
 from sim2real.diagnosis.contract.logged import LoadPolicy, check_beforehand
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.progress import Moving, Progress
-from sim2real.diagnosis.data.work import Work
+from sim2real.diagnosis.data.simulate import Work
 from sim2real.diagnosis.evidence import Evidence
 from sim2real.diagnosis.experiments.apart import Member
 from sim2real.diagnosis.inference.candidates import check_names

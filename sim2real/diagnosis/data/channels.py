@@ -27,6 +27,7 @@ from sim2real.diagnosis.data.pairs import is_scalar
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.data.thermal import torques
 from sim2real.diagnosis.evidence import ChannelGap
+from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, TINY, Preflight
 
 AXES = ("x", "y", "z")
@@ -60,12 +61,12 @@ def channel_gaps(
 
 def contradicting(
     gaps: Sequence[ChannelGap], settings: Preflight = DEFAULT.preflight
-) -> Iterator[tuple[str, str, str, str]]:
-    """Yield check, location, finding and fix for each channel whose error the causes increase."""
+) -> Iterator[Finding]:
+    """Yield a finding for each channel whose error the causes increase."""
     for gap in gaps:
         far = gap.after - gap.before > settings.sigmas * gap.noise
         if far and gap.after > settings.ratio[1] * gap.before:
-            yield (
+            yield Finding(
                 "witness",
                 gap.column.partition(".")[2],
                 f"Nothing was fitted to `{gap.column}`, and the causes bring it further off: "

@@ -127,12 +127,8 @@ def _moments(
     """Yield moments of an episode: when, the commands of a second before as a key, positions."""
     sent = [part.column(f"ctrl.{name}") for name in part.actuators]
     ctrl = np.column_stack([*sent, *(powered(part, name) for name in part.actuators)])
-    history, every, time = (
-        settings.bootstrap.block_s,
-        settings.bootstrap.block_s / MOMENTS,
-        part.time,
-    )
-    hunts, missing = hunting_rows(part), np.full(len(time), np.nan)
+    history, time, hunts = settings.bootstrap.block_s, part.time, hunting_rows(part)
+    every, missing = history / MOMENTS, np.full(len(time), np.nan)
     q = np.column_stack([part.columns.get(f"qpos.{name}", missing) for name in names])
     for when in np.arange(np.ceil((time[0] + history) / every) * every, time[-1], every):
         ticks = np.linspace(when - history, when, 2 * MOMENTS)

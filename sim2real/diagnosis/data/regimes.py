@@ -12,10 +12,10 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from hardware.log import Log
+from sim2real.diagnosis.data.pairs import driven_by
 from sim2real.diagnosis.data.recording import episode_rows, powered
 from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 
-ON_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
 THIRDS = (1 / 3, 2 / 3)  # of a joint's range, or of the time
 
 
@@ -68,11 +68,8 @@ def regimes(
 
 def driver_of(log: Log, model: mujoco.MjModel, joint: str) -> str | None:
     """Return the logged actuator that drives a joint."""
-    for i in range(model.nu):
-        name, on_joint = model.actuator(i).name, model.actuator_trntype[i] == ON_JOINT
-        if on_joint and model.joint(int(model.actuator_trnid[i, 0])).name == joint:
-            return name if name in log.actuators else None
-    return None
+    driven = ((name, driven_by(model, name)) for name in log.actuators)
+    return next((name for name, own in driven if own is not None and own[1] == joint), None)
 
 
 def speed(log: Log, joint: str, settings: Settings = DEFAULT) -> np.ndarray:
