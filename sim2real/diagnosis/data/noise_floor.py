@@ -30,12 +30,7 @@ ONE_COUNT = 1.5  # between one step and two
 
 
 def noise_floor(logs: Sequence[Log], settings: Settings = DEFAULT) -> dict[str, float]:
-    """Return the noise of a single run by joint [rad or m], root mean square.
-
-    Args:
-        logs: logs of one robot.
-        settings: those of `noise_floor` are used.
-    """
+    """Return the noise of a single run of a robot by joint [rad or m], root mean square."""
     names = list(dict.fromkeys(name for log in logs for name in scalars(log)))
     own = {name: reading_noise(logs, f"qpos.{name}", settings) for name in names}
     repeats = _repeats(logs, names, settings)

@@ -207,17 +207,10 @@ def _stamps(columns: Columns, name: str) -> np.ndarray:
 def start_speeds(
     log: Log, model: mujoco.MjModel, before: Columns | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the velocity at the first of some rows of an episode, and its standard deviation.
+    """Return the velocity at the first row of a log and its standard deviation, (nv,) each.
 
     It is sure where it was logged, and where nothing says anything of it: at an episode's start.
-
-    Args:
-        log: the rows.
-        model: their model.
-        before: see `to_recording`.
-
-    Returns:
-        Both of shape (nv,).
+    The columns before are those of `to_recording`.
     """
     qvel, unsure = np.zeros((2, model.nv))
     for i in range(model.njnt):

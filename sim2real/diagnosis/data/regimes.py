@@ -30,14 +30,7 @@ class Kind(NamedTuple):
 def regimes(
     log: Log, model: mujoco.MjModel, joint: str, settings: Settings = DEFAULT
 ) -> Iterator[Kind]:
-    """Yield the kinds of moments of one joint, each group a partition or a single kind.
-
-    Args:
-        log: what was measured and commanded.
-        model: says what load gravity makes.
-        joint: a hinge or slide that was measured.
-        settings: what parts the kinds.
-    """
+    """Yield the kinds of moments of a hinge or slide, each group a partition or a single kind."""
     q, actuator = log.column(f"qpos.{joint}"), driver_of(log, model, joint)
     v, limits = speed(log, joint, settings), settings.regimes
     names = ("at rest", "slow", "fast")

@@ -67,11 +67,6 @@ def choose(logs: Sequence[Log], seconds: float, most: int) -> list[Piece]:
     """Return pieces in which the commands of as many actuators as possible move.
 
     Pieces in which a loop hunts are taken only where there are no others: no replay follows them.
-
-    Args:
-        logs: the logs to cut.
-        seconds: length of a piece.
-        most: number of pieces at most.
     """
     cuts: list[tuple[int, int, int]] = []  # number of the log, first and last row
     for number, log in enumerate(logs):
@@ -104,16 +99,7 @@ def choose(logs: Sequence[Log], seconds: float, most: int) -> list[Piece]:
 def trial(
     spec: mujoco.MjSpec, recordings: Sequence[Recording], fixed: Sequence[Fixed] = ()
 ) -> list[np.ndarray]:
-    """Replay recordings side by side.
-
-    Args:
-        spec: the model.
-        recordings: N of them.
-        fixed: effects that every row has.
-
-    Returns:
-        What the encoders would have said when they were read, N arrays (T, nq).
-    """
+    """Return what encoders would say when they are read in replays side by side, (T, nq) each."""
     plant_spec, dt = switchable(spec), spec.option.timestep
     plans = [schedule(recording, dt) for recording in recordings]
     width = len(recordings[0].qpos) + recordings[0].ctrl.shape[1]

@@ -82,14 +82,7 @@ def cut(
     joints: Sequence[Joint],
     settings: Windows = DEFAULT.windows,
 ) -> list[Window]:
-    """Return the windows of all logs.
-
-    Args:
-        logs: the logs.
-        which: the model of each.
-        models: the models.
-        joints: the compared positions.
-        settings: how long windows are, and which rows count.
+    """Return the windows of all logs, whose models are those of the numbers in `which`.
 
     Raises:
         Sim2RealError: a log too short to be cut, or blocked nearly throughout.

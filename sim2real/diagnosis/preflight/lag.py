@@ -28,13 +28,7 @@ Lags = dict[str, list[tuple[float, float]]]  # by joint: time [s] and lag [s] of
 def check_lag(
     pairs: Pairs, specs: Sequence[mujoco.MjSpec], settings: Settings = DEFAULT
 ) -> Iterator[Finding]:
-    """Yield a finding for each log in which the lag jumps.
-
-    Args:
-        pairs: the logs and their models.
-        specs: the models' specs; the same object where logs share one.
-        settings: what counts as a jump.
-    """
+    """Yield a finding for each log in which the lag jumps; logs of one model share its spec."""
     for (log, _), lags in zip(pairs, _lags(pairs, specs, settings), strict=True):
         jump = _jump(lags, settings.preflight)
         if jump is not None:

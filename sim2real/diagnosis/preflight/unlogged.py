@@ -23,13 +23,7 @@ from sim2real.diagnosis.settings import DEFAULT, Settings
 def check_unlogged(
     pairs: Pairs, specs: Sequence[mujoco.MjSpec], settings: Settings = DEFAULT
 ) -> list[Finding]:
-    """Return a finding for each joint that moves in replays, and whose position is not logged.
-
-    Args:
-        pairs: the logs and their models.
-        specs: the models' specs.
-        settings: what counts as a motion.
-    """
+    """Return a finding for each joint that moves in replays, and whose position is not logged."""
     found: dict[str, Finding] = {}
     trials = settings.simulation
     for (log, model), spec in zip(pairs, specs, strict=True):

@@ -87,9 +87,7 @@ def lines(trace: Trace) -> tuple[str, ...]:
 def window(piece: Piece, title: str) -> Markup:
     """Draw a piece of a trace: positions above, errors below with the noise floor as a band.
 
-    Args:
-        piece: of one joint in one episode.
-        title: what a screen reader says.
+    A screen reader says the title.
     """
     trace, inside = piece.trace, np.flatnonzero(piece.rows)
     index = inside[:: max(1, math.ceil(len(inside) / POINTS))]
