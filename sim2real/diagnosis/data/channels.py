@@ -30,7 +30,7 @@ from sim2real.diagnosis.evidence import ChannelGap
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, TINY, Preflight
 
-AXES = ("x", "y", "z")
+AXES, SITE = ("x", "y", "z"), mujoco.mjtObj.mjOBJ_SITE
 SENSORS = {
     "gyro": mujoco.mjtSensor.mjSENS_GYRO,
     "accelerometer": mujoco.mjtSensor.mjSENS_ACCELEROMETER,
@@ -135,12 +135,7 @@ def _with_sensors(data: Data, spec: mujoco.MjSpec) -> mujoco.MjModel:
     sites = {site.name for site in spec.sites}
     for kind, _, site in sorted(column.partition(".") for column in columns):
         if kind in SENSORS and site in sites:
-            spec.add_sensor(
-                name=f"{kind}.{site}",
-                type=SENSORS[kind],
-                objtype=mujoco.mjtObj.mjOBJ_SITE,
-                objname=site,
-            )
+            spec.add_sensor(name=f"{kind}.{site}", type=SENSORS[kind], objtype=SITE, objname=site)
     return spec.compile()
 
 

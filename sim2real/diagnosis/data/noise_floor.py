@@ -18,8 +18,7 @@ import numpy as np
 
 from hardware.log import Log
 from sim2real.diagnosis.data.pairs import scalars
-from sim2real.diagnosis.data.recording import powered
-from sim2real.diagnosis.data.windows import hunting_rows
+from sim2real.diagnosis.data.recording import HUNTING, is_flagged, powered
 from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 
 ORDER = 4  # of the differences that a cubic leaves
@@ -79,7 +78,7 @@ def reading_noise(logs: Sequence[Log], column: str, settings: Settings) -> float
     parts = [part.column(column)[part.fresh] for part in episodes]
     rests = np.concatenate([np.diff(q, ORDER) for q in parts])
     moves = np.concatenate([np.abs(q[ORDER:] - q[:-ORDER]) for q in parts])
-    hunts = [hunting_rows(part)[part.fresh][ORDER // 2 : -ORDER // 2] for part in episodes]
+    hunts = [is_flagged(part, HUNTING)[part.fresh][ORDER // 2 : -ORDER // 2] for part in episodes]
     calm = ~np.concatenate(hunts)
     rests, moves = (rests[calm], moves[calm]) if calm.any() else (rests, moves)
     slow = rests[moves <= np.quantile(moves, settings.noise_floor.slow_share)]
@@ -122,7 +121,7 @@ def _moments(
     """Yield moments of an episode: when, the commands of a second before as a key, positions."""
     sent = [part.column(f"ctrl.{name}") for name in part.actuators]
     ctrl = np.column_stack([*sent, *(powered(part, name) for name in part.actuators)])
-    history, time, hunts = settings.bootstrap.block_s, part.time, hunting_rows(part)
+    history, time, hunts = settings.bootstrap.block_s, part.time, is_flagged(part, HUNTING)
     every, missing = history / MOMENTS, np.full(len(time), np.nan)
     q = np.column_stack([part.columns.get(f"qpos.{name}", missing) for name in names])
     for when in np.arange(np.ceil((time[0] + history) / every) * every, time[-1], every):

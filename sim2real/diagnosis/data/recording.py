@@ -25,11 +25,14 @@ from envs.replay import Recording, switchable
 from hardware.log import Log, check_names
 from sim2real.diagnosis.data.couplings import follow_couplings
 from sim2real.diagnosis.data.impedance import gear_of, laws_of, with_laws
+from sim2real.diagnosis.data.pairs import driven_by
 from sim2real.diagnosis.data.speeds import AROUND, speed_at
 from sim2real.diagnosis.data.states import state_of
 from sim2real.runs.errors import Sim2RealError
 
 Columns = Mapping[str, np.ndarray]
+BLOCKED = "flag.blocked"  # the column of rows in which something is in the robot's way
+HUNTING = "flag.hunting"  # the column of rows in which a servo's loop hunts
 LINEAR = 1  # how MuJoCo's delay lines interpolate
 FINEST, COARSEST = 1e-5, 0.1  # s: timesteps that a robot's motion can be simulated with
 SPARE = 2  # samples of a delayed actuator beyond those that its delay lasts
@@ -112,12 +115,8 @@ def check_log(log: Log, model: mujoco.MjModel) -> None:
     """Raise LogError if the log names what the model lacks, or lacks a joint that it drives."""
     joints = [model.joint(i).name for i in range(model.njnt)]
     actuators = [model.actuator(i).name for i in range(model.nu)]
-    driven = [
-        joints[model.actuator_trnid[i, 0]]
-        for i, name in enumerate(actuators)
-        if name in log.actuators and model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
-    ]
-    check_names(log, joints, actuators, driven)
+    driven = [driven_by(model, name) for name in actuators if name in log.actuators]
+    check_names(log, joints, actuators, [own[1] for own in driven if own is not None])
 
 
 def rows_of(log: Log, first: int, last: int) -> Log:
@@ -130,6 +129,11 @@ def episode_rows(log: Log) -> Iterator[slice]:
     start = 0
     for part in log.episodes():
         yield slice(start, start := start + len(part))
+
+
+def is_flagged(log: Log, column: str) -> np.ndarray:
+    """Return which rows of a log a column flags, (T,) bool; none where it has no such column."""
+    return log.columns.get(column, np.zeros(len(log))) > 0
 
 
 def powered(log: Log, actuator: str) -> np.ndarray:

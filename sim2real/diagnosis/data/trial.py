@@ -20,14 +20,15 @@ from envs.replay import Recording, schedule, simulate, switchable
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
 from sim2real.diagnosis.data.recording import (
+    HUNTING,
     Columns,
     episode_rows,
+    is_flagged,
     rows_before,
     rows_of,
     to_recording,
 )
 from sim2real.diagnosis.data.speeds import NEAR
-from sim2real.diagnosis.data.windows import hunting_rows
 
 LARGEST = 2e8  # bytes of positions simulated at once
 STIR = 0.02  # rad or m: a command that moves less does not stir its joint
@@ -75,7 +76,7 @@ def choose(logs: Sequence[Log], seconds: float, most: int) -> list[Piece]:
             ends = np.searchsorted(time, np.arange(time[0], time[-1], seconds) - ROUNDING)
             rows = pairwise([*(own.start + ends).tolist(), own.stop])
             cuts += [(number, first, last) for first, last in rows if last - first > 2 * NEAR]
-    hunts = [hunting_rows(log) for log in logs]
+    hunts = [is_flagged(log, HUNTING) for log in logs]
     cuts = [one for one in cuts if not hunts[one[0]][slice(*one[1:])].any()] or cuts
     names = list(dict.fromkeys(name for log in logs for name in log.actuators))
     stirs = np.zeros((len(cuts), len(names)))

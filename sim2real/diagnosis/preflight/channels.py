@@ -280,16 +280,12 @@ def _commands(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
 
 def _unsigned(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Currents that are never negative although the joints go both ways."""
-    currents: dict[str, list[np.ndarray]] = {}
-    for log, _ in pairs:
-        for name, values in log.columns.items():
-            if "current" in name.split("_")[0]:
-                currents.setdefault(name, []).append(values)
-    found = [
-        name
-        for name, own in currents.items()
-        if all(values.min() >= 0 for values in own) and any(np.ptp(values) > 0 for values in own)
-    ]
+    names = dict.fromkeys(name for log, _ in pairs for name in log.columns)
+    found = []
+    for name in [name for name in names if "current" in name.split("_")[0]]:
+        own = [log.column(name) for log, _ in pairs if name in log.columns]
+        if min(map(np.min, own)) >= 0 and max(map(np.ptp, own)) > 0:
+            found.append(name)
     if found:
         yield Finding(
             "unsigned",

@@ -22,9 +22,8 @@ from scipy.signal import find_peaks
 from hardware.log import Log
 from sim2real.diagnosis.data.noise_floor import count_of
 from sim2real.diagnosis.data.pairs import name_of
-from sim2real.diagnosis.data.recording import episode_rows, flagged, powered
+from sim2real.diagnosis.data.recording import HUNTING, episode_rows, flagged, powered
 from sim2real.diagnosis.data.replay import Gap
-from sim2real.diagnosis.data.windows import HUNTING
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, Settings
 

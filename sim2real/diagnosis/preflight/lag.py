@@ -15,9 +15,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
 from sim2real.diagnosis.data.pairs import Pairs, name_of
-from sim2real.diagnosis.data.recording import episode_rows
+from sim2real.diagnosis.data.recording import HUNTING, episode_rows, is_flagged
 from sim2real.diagnosis.data.trial import Piece, piece, trial
-from sim2real.diagnosis.data.windows import hunting_rows
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE, Preflight, Settings
 
@@ -85,7 +84,7 @@ def _windows(
         np.gradient(np.interp(clock, log.time, q), dt)
         for q in (log.column(f"qpos.{joint}"), simulated)
     )
-    hunts = np.interp(clock, log.time, hunting_rows(log).astype(float)) > 0
+    hunts = np.interp(clock, log.time, is_flagged(log, HUNTING).astype(float)) > 0
     seconds, reach = settings.windows.longest_s, round(limits.reach_s / dt)
     width = max(round(seconds / dt), 1)
     for first in range(reach, len(clock) - width - reach, width):

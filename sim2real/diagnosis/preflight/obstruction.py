@@ -19,8 +19,7 @@ import numpy as np
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
 from sim2real.diagnosis.data.pairs import name_of
-from sim2real.diagnosis.data.recording import flagged, powered
-from sim2real.diagnosis.data.windows import BLOCKED
+from sim2real.diagnosis.data.recording import BLOCKED, flagged, is_flagged, powered
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, Obstruction, Settings
 
@@ -50,7 +49,7 @@ def mark_blocked(
         driven: the joint that each actuator drives by desired positions.
         settings: what counts as held.
     """
-    flags = [np.array(log.columns.get(BLOCKED, np.zeros(len(log)))) > 0 for log in logs]
+    flags = [is_flagged(log, BLOCKED) for log in logs]
     findings = []
     for servo in driven.items():
         held = _held(logs, servo, settings)
