@@ -41,7 +41,7 @@ def regimes(
     yield Kind("position", "middle position", (q >= low) & (q <= high))
     yield Kind("position", "high position", q > high)
     if joint in [model.joint(i).name for i in range(model.njnt)]:
-        load = np.abs(gravity(log, model, joint, settings))
+        load = np.abs(gravity(log, model, joint))
         if load.max() > TINY:
             names = ("no load", "some load", "high load")
             yield from _thirds("load", names, load, limits.load_none * load.max(), limits.rare)
@@ -75,22 +75,19 @@ def speed(log: Log, joint: str, settings: Settings = DEFAULT) -> np.ndarray:
     return np.concatenate(found)
 
 
-def gravity(
-    log: Log, model: mujoco.MjModel, joint: str, settings: Settings = DEFAULT
-) -> np.ndarray:
+def gravity(log: Log, model: mujoco.MjModel, joint: str) -> np.ndarray:
     """Return the torque or force that gravity puts on a joint in the measured poses, (T,)."""
     data, names = mujoco.MjData(model), [model.joint(i).name for i in range(model.njnt)]
     logged = [name for name in names if f"qpos.{name}" in log.columns]
     poses = np.column_stack([log.column(f"qpos.{name}") for name in logged])
     places = [int(model.joint(name).qposadr[0]) for name in logged]  # a free base stays
-    dof, every = int(model.joint(joint).dofadr[0]), max(1, len(log) // settings.regimes.poses_max)
-    rows, found = np.arange(0, len(log), every), []  # poses change slowly between rows
-    for pose in poses[rows]:
+    dof, found = int(model.joint(joint).dofadr[0]), []
+    for pose in poses:
         data.qpos[places] = pose
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
         found.append(data.qfrc_bias[dof])
-    return np.interp(np.arange(len(log)), rows, found)
+    return np.array(found)
 
 
 def held(log: Log, actuator: str, settings: Settings = DEFAULT) -> np.ndarray:

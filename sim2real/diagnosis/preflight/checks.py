@@ -35,8 +35,7 @@ CHECKS: list[Check] = []  # those of users, after this project's own
 def register(check: Check) -> Check:
     """Ask a further check in every preflight; return it, so that this can be a decorator.
 
-    Args:
-        check: is given the logs and the compiled model of each, and returns findings.
+    It is given the logs and the compiled model of each, and returns findings.
     """
     CHECKS.append(check)
     return check
@@ -45,15 +44,9 @@ def register(check: Check) -> Check:
 def preflight(
     logs: Sequence[Log], specs: Sequence[mujoco.MjSpec], settings: Settings = DEFAULT
 ) -> list[Finding]:
-    """Check logs and the models they belong to, the gravest finding first.
+    """Return what is wrong with logs and their models, the gravest finding first.
 
-    Args:
-        logs: the logs.
-        specs: the model of each log; the same object where logs share one.
-        settings: the settings of the checks.
-
-    Returns:
-        The findings; none where nothing is worth a word.
+    Logs that share a model share its spec.
 
     Raises:
         EnvsError: a model that cannot be simulated.

@@ -47,10 +47,7 @@ def mark_hunting(
 ) -> tuple[list[Log], list[Finding]]:
     """Return the logs with hunting rows flagged, and what was found. Others come back as they are.
 
-    Args:
-        logs: logs of one robot.
-        driven: the joint that each actuator drives by desired positions.
-        settings: what counts as hunting.
+    `driven` is the joint that each actuator drives by desired positions.
     """
     flags = [np.zeros(len(log), bool) for log in logs]
     findings = []
@@ -77,7 +74,7 @@ def tell_simulated(
 
     Args:
         findings: those of `mark_hunting`; others come back as they are.
-        driven: the joint that each actuator drives.
+        driven: see there.
         models: what each is called, and all logs replayed in it.
         settings: what counts as hunting.
 

@@ -43,11 +43,7 @@ def mark_blocked(
     """Return the logs with blocked rows flagged, and what was found.
 
     Rows that a log flags itself stay flagged. Logs without currents come back as they are.
-
-    Args:
-        logs: logs of one robot.
-        driven: the joint that each actuator drives by desired positions.
-        settings: what counts as held.
+    `driven` is the joint that each actuator drives by desired positions.
     """
     flags = [is_flagged(log, BLOCKED) for log in logs]
     findings = []

@@ -47,11 +47,10 @@ def recordings(report: Report) -> tuple[list[dict[str, Any]], int]:
 
 def relative(trace: Trace) -> float:
     """Return the error of the model as given in units of the joint's own motion."""
-    known = svg.compared(trace)
-    if not known.any():
+    if not svg.compared(trace).any():
         return 0.0
-    error = float(np.sqrt(np.mean((trace.nominal - trace.measured)[known] ** 2)))
-    return error / max(float(trace.measured.std()), TINY)
+    whole = svg.Piece(trace, -math.inf, math.inf)
+    return whole.error("nominal") / max(float(trace.measured.std()), TINY)
 
 
 def _size(traces: Sequence[Trace], signals: Sequence[Signal]) -> int:

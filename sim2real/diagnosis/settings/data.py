@@ -111,9 +111,6 @@ class Regimes:
     rare: float = setting(
         0.98, "1", "quantile used as the maximum; small values are below half of it", JUDGED
     )
-    poses_max: int = setting(
-        2000, "1", "approximate number of poses at which the gravity load is computed", COST
-    )
 
 
 @dataclass(frozen=True)
