@@ -74,7 +74,11 @@ def _recording(traces: Sequence[Trace], signals: Sequence[Signal]) -> dict[str, 
         "episode": first.episode,
         "starts": starts.tolist(),
         "joints": [_joint(trace, part) for trace in traces],
-        "signals": [_signal(signal, part) for signal in signals],
+        "signals": [
+            {key: getattr(signal, key) for key in ("kind", "actuator", "unit", "joint")}
+            | {"time": floats(signal.time[part]), "values": packed(signal.values[part])}
+            for signal in signals
+        ],
     }
 
 
@@ -99,11 +103,6 @@ def _lines(trace: Trace) -> Mapping[str, np.ndarray]:
     if whole:
         del named[",".join(map(str, sorted(whole)))]
     return named
-
-
-def _signal(signal: Signal, part: slice) -> dict[str, Any]:
-    about = {k: getattr(signal, k) for k in ("kind", "actuator", "unit", "joint")}
-    return {**about, "time": floats(signal.time[part]), "values": packed(signal.values[part])}
 
 
 def floats(values: np.ndarray) -> str:
