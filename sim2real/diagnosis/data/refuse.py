@@ -89,7 +89,7 @@ def refuse_kinds(log: Log, spec: mujoco.MjSpec, settings: Settings = DEFAULT) ->
                 f"the model has motors there, which take torques [N·m]: give a model with position "
                 "actuators, or log the torques as `ctrl.*`"
             )
-    elif all(servos) and all(one < limits.stranger for one in alike.values()):
+    elif all(servos) and all(one < limits.share for one in alike.values()):
         kinds = (spec, _motors(spec, joints, 1.0), _motors(spec, joints, 0.0))
         gap, other, none = (_gap(log, one, joints, settings) for one in kinds)
         if gap > limits.lost and other < limits.better * min(gap, none):

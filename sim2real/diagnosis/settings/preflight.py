@@ -81,7 +81,7 @@ class Preflight:
         "smallest fraction of the variance that a fitted relation must explain; smallest "
         "correlation of measured and simulated speed from which a lag is inferred; similarity "
         "(1 − standard deviation of position minus command, relative to that of the position) "
-        "above which commands are positions",
+        "above which commands may be positions, and below which they may be torques",
         JUDGED,
     )
     clock: float = setting(
@@ -108,7 +108,6 @@ class Preflight:
     law_residual: float = setting(
         0.03, "1", "largest fraction of the duty's variance that is left unexplained", DEVELOPED
     )
-    stranger: float = setting(0.6, "1", "similarity below which commands may be torques", JUDGED)
     lost: float = setting(
         0.5, "1", "RMS error above which a replay fails, relative to the joints' spread", JUDGED
     )
