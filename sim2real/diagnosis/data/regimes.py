@@ -31,8 +31,9 @@ def regimes(
     log: Log, model: mujoco.MjModel, joint: str, settings: Settings = DEFAULT
 ) -> Iterator[Kind]:
     """Yield the kinds of moments of a hinge or slide, each group a partition or a single kind."""
-    q, actuator = log.column(f"qpos.{joint}"), driver_of(log, model, joint)
-    v, limits = speed(log, joint, settings), settings.regimes
+    q, v, limits = log.column(f"qpos.{joint}"), speed(log, joint, settings), settings.regimes
+    driven = ((name, driven_by(model, name)) for name in log.actuators)
+    actuator = next((name for name, own in driven if own is not None and own[1] == joint), None)
     names = ("at rest", "slow", "fast")
     yield from _thirds("speed", names, np.abs(v), limits.rest_speed, limits.rare)
     yield Kind("reversal", "reversal", _reversal(log, v, settings))
@@ -57,12 +58,6 @@ def regimes(
     share = (log.time - start) / max(end - start, TINY)
     yield Kind("time", "first third of the time", share < THIRDS[0])
     yield Kind("time", "last third of the time", share > THIRDS[1])
-
-
-def driver_of(log: Log, model: mujoco.MjModel, joint: str) -> str | None:
-    """Return the logged actuator that drives a joint."""
-    driven = ((name, driven_by(model, name)) for name in log.actuators)
-    return next((name for name, own in driven if own is not None and own[1] == joint), None)
 
 
 def speed(log: Log, joint: str, settings: Settings = DEFAULT) -> np.ndarray:

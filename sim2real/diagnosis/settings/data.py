@@ -16,7 +16,7 @@ class NoiseFloor:
         0.02, "1", "largest deviation of a step from a whole number of encoder counts", JUDGED
     )
     slow_share: float = setting(
-        0.3, "1", "slowest fraction of rows: they tell the noise of a reading", DEVELOPED
+        0.3, "1", "slowest fraction of rows, which tells the noise of a reading", DEVELOPED
     )
 
 
@@ -40,10 +40,10 @@ class Windows:
         40, "1", "number of windows above which slow motions get windows beyond `longest_s`", COST
     )
     state_s: float = setting(
-        0.25, "s", "length of a window if no position servo corrects errors of a joint", DEVELOPED
+        0.25, "s", "length of a window if no position servo corrects a joint's errors", DEVELOPED
     )
     unsure_s: float = setting(
-        0.7, "s", "length of such a window, no speed being logged and the base fixed", DEVELOPED
+        0.7, "s", "length of such a window if no speed is logged and the base is fixed", DEVELOPED
     )
     slowest_s: float = setting(12.0, "s", "longest window of slow motions", DEVELOPED)
     turn: float = setting(

@@ -15,7 +15,7 @@ class Preflight:
         0.25,
         "1",
         "relative deviation from the median row interval that 5 % of the intervals may exceed; one "
-        "that deviates by more than that from two intervals is a gap",
+        "longer than two intervals by more than that is a gap",
         JUDGED,
     )
     row_s: tuple[float, float] = setting(
