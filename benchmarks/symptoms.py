@@ -68,16 +68,16 @@ def stretch(gap: Gap) -> tuple[int, slice]:
     """Return the joint and the rows of `SPAN` seconds with the largest squared error."""
     squares = np.nan_to_num((gap.simulated - gap.measured) ** 2)
     joint = int(np.argmax(squares.sum(axis=0)))
-    ends = np.searchsorted(gap.time, gap.time + SPAN)
+    ends = np.searchsorted(gap.log.time, gap.log.time + SPAN)
     sums = np.concatenate([[0.0], np.cumsum(squares[:, joint])])
-    first = int(np.argmax((sums[ends] - sums[:-1]) * (gap.time + SPAN <= gap.time[-1])))
+    first = int(np.argmax((sums[ends] - sums[:-1]) * (gap.log.time + SPAN <= gap.log.time[-1])))
     return joint, slice(first, int(ends[first]))
 
 
 def draw(before: Gap, after: Gap, path: Path) -> None:
     """Draw angle and error of both replays, readable on a light and on a dark page."""
     joint, rows = stretch(before)
-    time = before.time[rows] - before.time[rows][0]
+    time = before.log.time[rows] - before.log.time[rows][0]
     measured = before.measured[rows, joint]
     with mpl.rc_context({**SVG, "font.size": 9}):
         picture = Figure(figsize=(6.6, 3.2), layout="constrained")

@@ -180,7 +180,7 @@ def diagnosed(recorded: Recorded) -> Worked:
 def fitted(recorded: Recorded) -> Worked:
     """Fit by this project's Gauss-Newton, both folds side by side."""
     from sim2real.diagnosis.data.dataset import Data
-    from sim2real.diagnosis.data.work import Work
+    from sim2real.diagnosis.data.simulate import Work
     from sim2real.diagnosis.inference.candidates import candidates
     from sim2real.diagnosis.inference.fit import Start
     from sim2real.diagnosis.inference.hypotheses import Hypothesis

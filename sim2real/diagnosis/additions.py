@@ -20,10 +20,9 @@ from sim2real.diagnosis.design import design
 from sim2real.diagnosis.inference.conclusion import Conclusion
 from sim2real.diagnosis.numerics import is_numerics
 from sim2real.diagnosis.outcome import Diagnosis, blocking_findings, intervals_of
-from sim2real.diagnosis.preflight.torques import measured_torques
+from sim2real.diagnosis.preflight.control_laws import measured_torques
 from sim2real.diagnosis.prepare import PreparedLogs
 from sim2real.diagnosis.report.traces import signals, traces
-from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import Settings
 from sim2real.runs.errors import Sim2RealError
 
@@ -80,8 +79,8 @@ def witnessed(found: Diagnosis, data: Data) -> Diagnosis:
     pairs = list(zip(data.logs, data.log_models, strict=True))
     torque = measured_torques(pairs, data.settings.preflight)
     gaps = channel_gaps(data, found.known, found.effects if found.found else None, torque)
-    against = [Finding(*words) for words in contradicting(gaps, data.settings.preflight)]
     report, evidence = found.report, replace(found.report.evidence, channels=gaps)
+    against = contradicting(gaps, data.settings.preflight)
     report = replace(report, preflight=(*report.preflight, *against), evidence=evidence)
     return found._replace(report=report)
 

@@ -30,7 +30,7 @@ from sim2real.diagnosis.closed_loop.check import LoadPlayer
 from sim2real.diagnosis.contract.logged import LoadPolicy, check_beforehand
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.progress import Moving, Progress
-from sim2real.diagnosis.data.work import Work
+from sim2real.diagnosis.data.simulate import Work
 from sim2real.diagnosis.evidence import Evidence
 from sim2real.diagnosis.experiments.apart import Member
 from sim2real.diagnosis.inference.candidates import check_names
@@ -155,7 +155,7 @@ def run_diagnosis(
         tuple(Member(*one) for one in made.alike),
         {joint.name: float(f) for joint, f in zip(data.joints, floors, strict=True)},
     )
-    whole = partial(replayed, prepared=prepared, settings=settings.hunting)
+    whole = partial(replayed, prepared=prepared, settings=settings)
     outcome = added(outcome, "the replay of whole recordings", whole)
     if on_verdict is not None:
         on_verdict(outcome)

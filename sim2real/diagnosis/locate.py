@@ -96,7 +96,7 @@ def as_gaps(data: Data, error: np.ndarray) -> list[Gap]:
         off = [error[i, : len(w.usable)][w.usable] for i, w in own]
         part = replace(log, columns={n: v[rows] for n, v in log.columns.items()})
         simulated = measured + np.concatenate(off) * data.scale
-        found.append(Gap(part, names, part.time, measured, simulated))
+        found.append(Gap(part, names, measured, simulated))
     return found
 
 
@@ -160,7 +160,7 @@ def _spectrum(gaps: Sequence[Gap], edges: Sequence[float]) -> tuple[np.ndarray, 
     for gap in gaps:
         for number in np.unique(gap.log.episode):
             own = gap.log.episode == number
-            time, error = gap.time[own], gap.simulated[own] - gap.measured[own]
+            time, error = gap.log.time[own], gap.simulated[own] - gap.measured[own]
             dt = float(np.median(np.diff(time)))
             clock = np.arange(time[0], time[-1] + dt / 2, dt)
             for column, values in enumerate(error.T):

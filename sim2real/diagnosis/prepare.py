@@ -14,10 +14,9 @@ import mujoco
 from envs.plant import Fixed
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.data.kinds import refuse_kinds
 from sim2real.diagnosis.data.progress import Progress
 from sim2real.diagnosis.data.recording import load_model
-from sim2real.diagnosis.data.refuse import refuse_clock
+from sim2real.diagnosis.data.refuse import refuse_clock, refuse_kinds
 from sim2real.diagnosis.ground.estimate import estimate_all
 from sim2real.diagnosis.ground.findings import check_ground
 from sim2real.diagnosis.ground.pushes import check_pushes
@@ -64,7 +63,7 @@ def prepare(
         refuse_clock(log, settings)
     driven = _driven(logs, model)
     logs, held = mark_blocked(logs, driven, settings)
-    logs, hunts = mark_hunting(logs, driven, settings.hunting)
+    logs, hunts = mark_hunting(logs, driven, settings)
     estimates = estimate_all(logs, model, settings.ground)
     logs = [one.log for one in estimates] or logs
     given = data = Data.of(logs, model, settings)

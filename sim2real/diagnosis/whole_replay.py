@@ -15,16 +15,14 @@ from sim2real.diagnosis.outcome import Diagnosis
 from sim2real.diagnosis.preflight.hunting import tell_simulated
 from sim2real.diagnosis.prepare import PreparedLogs
 from sim2real.diagnosis.schema import Verdict, WholeReplay
-from sim2real.diagnosis.settings import DEFAULT, Hunting
+from sim2real.diagnosis.settings import DEFAULT, Settings
 from sim2real.runs.errors import Sim2RealError
 
 log_ = logging.getLogger(__name__)
 LESS: Mapping[Verdict, Verdict] = {"explained": "partly_explained", "no_gap": "unexplained"}
 
 
-def replayed(
-    found: Diagnosis, prepared: PreparedLogs, settings: Hunting = DEFAULT.hunting
-) -> Diagnosis:
+def replayed(found: Diagnosis, prepared: PreparedLogs, settings: Settings = DEFAULT) -> Diagnosis:
     """Add what `run=replay` says of the logs, with what was known and with what was found.
 
     Where the robot hunts and the model does nowhere, with all that was found in it, nothing is

@@ -23,9 +23,8 @@ from envs.effects.file import load_effects
 from envs.plant import Fixed
 from hardware.log import Log, read_logs
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.data.kinds import refuse_kinds
 from sim2real.diagnosis.data.recording import check_log, load_model
-from sim2real.diagnosis.data.refuse import refuse_clock, refuse_loose_base
+from sim2real.diagnosis.data.refuse import refuse_clock, refuse_kinds, refuse_loose_base
 from sim2real.diagnosis.data.replay import Gap, measure, write
 from sim2real.diagnosis.ground.estimate import estimate_all
 from sim2real.diagnosis.inference.run import find_mistakes

@@ -1,6 +1,7 @@
 """The pictures of the symptoms: the page shows one for each of its examples, and they are small."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,8 @@ def gap(error: float) -> Gap:
     measured = np.column_stack([np.sin(time), np.cos(time)])
     simulated = measured + 1e-3
     simulated[(time >= 10) & (time < 10 + SPAN), 1] += error
-    log: Any = None
-    return Gap(log, ("pan", "lift"), time, measured, simulated)
+    log: Any = SimpleNamespace(time=time)
+    return Gap(log, ("pan", "lift"), measured, simulated)
 
 
 def test_each_example_has_a_small_picture_on_the_page() -> None:

@@ -322,6 +322,7 @@ class MjsCompiler:
     boundinertia: _Float
     boundmass: _Float
     degree: bool
+    discardvisual: bool
     inertiafromgeom: _Field[mjtInertiaFromGeom, Int]
     meshdir: str
     settotalmass: _Float

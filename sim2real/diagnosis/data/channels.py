@@ -27,9 +27,10 @@ from sim2real.diagnosis.data.pairs import is_scalar
 from sim2real.diagnosis.data.simulate import Simulator
 from sim2real.diagnosis.data.thermal import torques
 from sim2real.diagnosis.evidence import ChannelGap
+from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, TINY, Preflight
 
-AXES = ("x", "y", "z")
+AXES, SITE = ("x", "y", "z"), mujoco.mjtObj.mjOBJ_SITE
 SENSORS = {
     "gyro": mujoco.mjtSensor.mjSENS_GYRO,
     "accelerometer": mujoco.mjtSensor.mjSENS_ACCELEROMETER,
@@ -60,12 +61,12 @@ def channel_gaps(
 
 def contradicting(
     gaps: Sequence[ChannelGap], settings: Preflight = DEFAULT.preflight
-) -> Iterator[tuple[str, str, str, str]]:
-    """Yield check, location, finding and fix for each channel whose error the causes increase."""
+) -> Iterator[Finding]:
+    """Yield a finding for each channel whose error the causes increase."""
     for gap in gaps:
         far = gap.after - gap.before > settings.sigmas * gap.noise
-        if far and gap.after > settings.worse * gap.before:
-            yield (
+        if far and gap.after > settings.ratio[1] * gap.before:
+            yield Finding(
                 "witness",
                 gap.column.partition(".")[2],
                 f"Nothing was fitted to `{gap.column}`, and the causes bring it further off: "
@@ -134,12 +135,7 @@ def _with_sensors(data: Data, spec: mujoco.MjSpec) -> mujoco.MjModel:
     sites = {site.name for site in spec.sites}
     for kind, _, site in sorted(column.partition(".") for column in columns):
         if kind in SENSORS and site in sites:
-            spec.add_sensor(
-                name=f"{kind}.{site}",
-                type=SENSORS[kind],
-                objtype=mujoco.mjtObj.mjOBJ_SITE,
-                objname=site,
-            )
+            spec.add_sensor(name=f"{kind}.{site}", type=SENSORS[kind], objtype=SITE, objname=site)
     return spec.compile()
 
 

@@ -208,7 +208,7 @@ def _joints(
     logs: Sequence[Log], models: Sequence[mujoco.MjModel], settings: Settings
 ) -> list[Joint]:
     """Return the hinges and slides that every log and model has."""
-    found, still = [], {"rad": settings.preflight.still_rad, "m": settings.preflight.still_m}
+    found, still = [], dict(zip(("rad", "m"), settings.preflight.still, strict=True))
     logged = set.intersection(*(set(scalars(log)) for log in logs))
     modelled = set.intersection(*({m.joint(k).name for k in range(m.njnt)} for m in models))
     for i in range(models[0].njnt):

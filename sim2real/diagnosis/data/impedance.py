@@ -49,10 +49,10 @@ def with_laws(spec: mujoco.MjSpec, log: Log) -> mujoco.MjSpec:
     names = impedance_of(log)
     if not names:
         return spec
-    model, gains = spec.copy().compile(), {}
+    gears, gains = {own.name: float(own.gear[0]) for own in spec.actuators}, {}
     for name in names:
-        gear = float(model.actuator(name).gear[0]) if _has(model, name) else 1.0
-        gains[name] = tuple(_usual(log, kind, name) / gear**2 for kind in IMPEDANCE_KINDS[:2])
+        usual = (_usual(log, kind, name) for kind in IMPEDANCE_KINDS[:2])
+        gains[name] = tuple(gain / gears.get(name, 1.0) ** 2 for gain in usual)
     try:
         return with_impedance(spec, gains)
     except TaskError as error:
@@ -95,7 +95,3 @@ def _usual(log: Log, kind: str, name: str) -> float:
 
 def _column(log: Log, kind: str, name: str) -> np.ndarray:
     return log.columns.get(f"{kind}.{name}", np.zeros(len(log)))
-
-
-def _has(model: mujoco.MjModel, actuator: str) -> bool:
-    return mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, actuator) >= 0

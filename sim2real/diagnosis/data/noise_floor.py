@@ -18,8 +18,7 @@ import numpy as np
 
 from hardware.log import Log
 from sim2real.diagnosis.data.pairs import scalars
-from sim2real.diagnosis.data.recording import powered
-from sim2real.diagnosis.data.windows import hunting_rows
+from sim2real.diagnosis.data.recording import HUNTING, is_flagged, powered
 from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 
 ORDER = 4  # of the differences that a cubic leaves
@@ -30,12 +29,7 @@ ONE_COUNT = 1.5  # between one step and two
 
 
 def noise_floor(logs: Sequence[Log], settings: Settings = DEFAULT) -> dict[str, float]:
-    """Return the noise of a single run by joint [rad or m], root mean square.
-
-    Args:
-        logs: logs of one robot.
-        settings: those of `noise_floor` are used.
-    """
+    """Return the noise of a single run of a robot by joint [rad or m], root mean square."""
     names = list(dict.fromkeys(name for log in logs for name in scalars(log)))
     own = {name: reading_noise(logs, f"qpos.{name}", settings) for name in names}
     repeats = _repeats(logs, names, settings)
@@ -84,7 +78,7 @@ def reading_noise(logs: Sequence[Log], column: str, settings: Settings) -> float
     parts = [part.column(column)[part.fresh] for part in episodes]
     rests = np.concatenate([np.diff(q, ORDER) for q in parts])
     moves = np.concatenate([np.abs(q[ORDER:] - q[:-ORDER]) for q in parts])
-    hunts = [hunting_rows(part)[part.fresh][ORDER // 2 : -ORDER // 2] for part in episodes]
+    hunts = [is_flagged(part, HUNTING)[part.fresh][ORDER // 2 : -ORDER // 2] for part in episodes]
     calm = ~np.concatenate(hunts)
     rests, moves = (rests[calm], moves[calm]) if calm.any() else (rests, moves)
     slow = rests[moves <= np.quantile(moves, settings.noise_floor.slow_share)]
@@ -127,12 +121,8 @@ def _moments(
     """Yield moments of an episode: when, the commands of a second before as a key, positions."""
     sent = [part.column(f"ctrl.{name}") for name in part.actuators]
     ctrl = np.column_stack([*sent, *(powered(part, name) for name in part.actuators)])
-    history, every, time = (
-        settings.bootstrap.block_s,
-        settings.bootstrap.block_s / MOMENTS,
-        part.time,
-    )
-    hunts, missing = hunting_rows(part), np.full(len(time), np.nan)
+    history, time, hunts = settings.bootstrap.block_s, part.time, is_flagged(part, HUNTING)
+    every, missing = history / MOMENTS, np.full(len(time), np.nan)
     q = np.column_stack([part.columns.get(f"qpos.{name}", missing) for name in names])
     for when in np.arange(np.ceil((time[0] + history) / every) * every, time[-1], every):
         ticks = np.linspace(when - history, when, 2 * MOMENTS)

@@ -11,7 +11,7 @@ row's before it; at the start of an episode it is the first one.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -23,13 +23,21 @@ from envs.errors import TaskError
 from envs.models import columns_of, load_spec
 from envs.replay import Recording, switchable
 from hardware.log import Log, check_names
-from sim2real.diagnosis.data.couplings import follow_couplings
 from sim2real.diagnosis.data.impedance import gear_of, laws_of, with_laws
+from sim2real.diagnosis.data.pairs import driven_by
 from sim2real.diagnosis.data.speeds import AROUND, speed_at
 from sim2real.diagnosis.data.states import state_of
 from sim2real.runs.errors import Sim2RealError
 
 Columns = Mapping[str, np.ndarray]
+BLOCKED = "flag.blocked"  # the column of rows in which something is in the robot's way
+HUNTING = "flag.hunting"  # the column of rows in which a servo's loop hunts
+EQUALITY = int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+DENSE = int(mujoco.mjtJacobian.mjJAC_DENSE)
+ROUNDS, CLOSED = (
+    10,
+    1e-9,
+)  # steps at most to close couplings, and residuals that are rounding, m or rad
 LINEAR = 1  # how MuJoCo's delay lines interpolate
 FINEST, COARSEST = 1e-5, 0.1  # s: timesteps that a robot's motion can be simulated with
 SPARE = 2  # samples of a delayed actuator beyond those that its delay lasts
@@ -112,12 +120,8 @@ def check_log(log: Log, model: mujoco.MjModel) -> None:
     """Raise LogError if the log names what the model lacks, or lacks a joint that it drives."""
     joints = [model.joint(i).name for i in range(model.njnt)]
     actuators = [model.actuator(i).name for i in range(model.nu)]
-    driven = [
-        joints[model.actuator_trnid[i, 0]]
-        for i, name in enumerate(actuators)
-        if name in log.actuators and model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
-    ]
-    check_names(log, joints, actuators, driven)
+    driven = [driven_by(model, name) for name in actuators if name in log.actuators]
+    check_names(log, joints, actuators, [own[1] for own in driven if own is not None])
 
 
 def rows_of(log: Log, first: int, last: int) -> Log:
@@ -130,6 +134,11 @@ def episode_rows(log: Log) -> Iterator[slice]:
     start = 0
     for part in log.episodes():
         yield slice(start, start := start + len(part))
+
+
+def is_flagged(log: Log, column: str) -> np.ndarray:
+    """Return which rows of a log a column flags, (T,) bool; none where it has no such column."""
+    return log.columns.get(column, np.zeros(len(log))) > 0
 
 
 def powered(log: Log, actuator: str) -> np.ndarray:
@@ -153,7 +162,7 @@ def rows_before(log: Log, row: int) -> Columns | None:
 def to_recording(log: Log, model: mujoco.MjModel, before: Columns | None = None) -> Recording:
     """Return rows of an episode in the order of the model's joints and actuators.
 
-    Joints that were not logged start where couplings put them (`couplings`), else from the keyframe
+    Joints that were not logged start where couplings put them, else from the keyframe
     `home`, else from the model's default; actuators without commands hold the keyframe's, else 0.
 
     Args:
@@ -179,6 +188,48 @@ def to_recording(log: Log, model: mujoco.MjModel, before: Columns | None = None)
     law, act = laws_of(log, model), state_of(log, model)
     qpos, qvel = follow_couplings(model, qpos, qvel, positions(log, model).values())
     return Recording(log.time - start, ctrl, qpos, qvel, on, held, read - start, law, act)
+
+
+def follow_couplings(
+    model: mujoco.MjModel, qpos: np.ndarray, qvel: np.ndarray, logged: Collection[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a start whose unlogged joints are where the model's couplings put them.
+
+    Couplings are equality constraints: of two joints, of tendons, of two bodies. Unlogged joints
+    are moved until the residuals r of all of them vanish, by Gauss-Newton steps with the engine's
+    Jacobian J = [J_known J_free]; speeds fulfil J qvel = 0. A replay that started in the middle of
+    a motion with a gear as it stood at home would begin with its snap.
+
+    Args:
+        model: the model.
+        qpos: position, (nq,); the unlogged part is where the search begins.
+        qvel: velocity, (nv,).
+        logged: places in qpos of the joints that are known; they stay.
+    """
+    free = [j for j in range(model.njnt) if int(model.jnt_qposadr[j]) not in logged]
+    if not model.neq or not free:
+        return qpos, qvel
+    dofs = np.flatnonzero(np.isin(model.dof_jntid, free))
+    data, kind = mujoco.MjData(model), model.opt.jacobian
+    data.qpos[:], moved, left = qpos, np.zeros(model.nv), []
+    model.opt.jacobian = DENSE
+    try:
+        for _ in range(ROUNDS):
+            mujoco.mj_fwdPosition(model, data)
+            coupled = data.efc_type == EQUALITY
+            slopes = data.efc_J.reshape(-1, model.nv)[coupled]  # (E, nv)
+            left.append(float(np.abs(data.efc_pos[coupled]).max(initial=0.0)))
+            if left[-1] < CLOSED:
+                break
+            moved[dofs] = -np.linalg.pinv(slopes[:, dofs]) @ data.efc_pos[coupled]
+            mujoco.mj_integratePos(model, data.qpos, moved, 1.0)
+    finally:
+        model.opt.jacobian = kind
+    if left[-1] > left[0]:  # nothing fulfils them from here
+        return qpos, qvel
+    qvel, known = qvel.copy(), np.setdiff1d(np.arange(model.nv), dofs)
+    qvel[dofs] = -np.linalg.pinv(slopes[:, dofs]) @ (slopes[:, known] @ qvel[known])
+    return data.qpos.copy(), qvel
 
 
 def home(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
@@ -207,17 +258,10 @@ def _stamps(columns: Columns, name: str) -> np.ndarray:
 def start_speeds(
     log: Log, model: mujoco.MjModel, before: Columns | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the velocity at the first of some rows of an episode, and its standard deviation.
+    """Return the velocity at the first row of a log and its standard deviation, (nv,) each.
 
     It is sure where it was logged, and where nothing says anything of it: at an episode's start.
-
-    Args:
-        log: the rows.
-        model: their model.
-        before: see `to_recording`.
-
-    Returns:
-        Both of shape (nv,).
+    The columns before are those of `to_recording`.
     """
     qvel, unsure = np.zeros((2, model.nv))
     for i in range(model.njnt):

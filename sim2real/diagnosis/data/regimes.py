@@ -12,10 +12,10 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from hardware.log import Log
+from sim2real.diagnosis.data.pairs import driven_by
 from sim2real.diagnosis.data.recording import episode_rows, powered
 from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 
-ON_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
 THIRDS = (1 / 3, 2 / 3)  # of a joint's range, or of the time
 
 
@@ -30,16 +30,10 @@ class Kind(NamedTuple):
 def regimes(
     log: Log, model: mujoco.MjModel, joint: str, settings: Settings = DEFAULT
 ) -> Iterator[Kind]:
-    """Yield the kinds of moments of one joint, each group a partition or a single kind.
-
-    Args:
-        log: what was measured and commanded.
-        model: says what load gravity makes.
-        joint: a hinge or slide that was measured.
-        settings: what parts the kinds.
-    """
-    q, actuator = log.column(f"qpos.{joint}"), driver_of(log, model, joint)
-    v, limits = speed(log, joint, settings), settings.regimes
+    """Yield the kinds of moments of a hinge or slide, each group a partition or a single kind."""
+    q, v, limits = log.column(f"qpos.{joint}"), speed(log, joint, settings), settings.regimes
+    driven = ((name, driven_by(model, name)) for name in log.actuators)
+    actuator = next((name for name, own in driven if own is not None and own[1] == joint), None)
     names = ("at rest", "slow", "fast")
     yield from _thirds("speed", names, np.abs(v), limits.rest_speed, limits.rare)
     yield Kind("reversal", "reversal", _reversal(log, v, settings))
@@ -48,7 +42,7 @@ def regimes(
     yield Kind("position", "middle position", (q >= low) & (q <= high))
     yield Kind("position", "high position", q > high)
     if joint in [model.joint(i).name for i in range(model.njnt)]:
-        load = np.abs(gravity(log, model, joint, settings))
+        load = np.abs(gravity(log, model, joint))
         if load.max() > TINY:
             names = ("no load", "some load", "high load")
             yield from _thirds("load", names, load, limits.load_none * load.max(), limits.rare)
@@ -66,15 +60,6 @@ def regimes(
     yield Kind("time", "last third of the time", share > THIRDS[1])
 
 
-def driver_of(log: Log, model: mujoco.MjModel, joint: str) -> str | None:
-    """Return the logged actuator that drives a joint."""
-    for i in range(model.nu):
-        name, on_joint = model.actuator(i).name, model.actuator_trntype[i] == ON_JOINT
-        if on_joint and model.joint(int(model.actuator_trnid[i, 0])).name == joint:
-            return name if name in log.actuators else None
-    return None
-
-
 def speed(log: Log, joint: str, settings: Settings = DEFAULT) -> np.ndarray:
     """Return the slope of a joint's position, averaged over a moment, (T,)."""
     found = []
@@ -85,22 +70,19 @@ def speed(log: Log, joint: str, settings: Settings = DEFAULT) -> np.ndarray:
     return np.concatenate(found)
 
 
-def gravity(
-    log: Log, model: mujoco.MjModel, joint: str, settings: Settings = DEFAULT
-) -> np.ndarray:
+def gravity(log: Log, model: mujoco.MjModel, joint: str) -> np.ndarray:
     """Return the torque or force that gravity puts on a joint in the measured poses, (T,)."""
     data, names = mujoco.MjData(model), [model.joint(i).name for i in range(model.njnt)]
     logged = [name for name in names if f"qpos.{name}" in log.columns]
     poses = np.column_stack([log.column(f"qpos.{name}") for name in logged])
     places = [int(model.joint(name).qposadr[0]) for name in logged]  # a free base stays
-    dof, every = int(model.joint(joint).dofadr[0]), max(1, len(log) // settings.regimes.poses_max)
-    rows, found = np.arange(0, len(log), every), []  # poses change slowly between rows
-    for pose in poses[rows]:
+    dof, found = int(model.joint(joint).dofadr[0]), []
+    for pose in poses:
         data.qpos[places] = pose
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
         found.append(data.qfrc_bias[dof])
-    return np.interp(np.arange(len(log)), rows, found)
+    return np.array(found)
 
 
 def held(log: Log, actuator: str, settings: Settings = DEFAULT) -> np.ndarray:

@@ -23,6 +23,7 @@ from envs.plant import Fixed
 from envs.replay import DivergedError
 from hardware.log import Log
 from sim2real.diagnosis.data.impedance import impedance_of
+from sim2real.diagnosis.data.pairs import name_of
 from sim2real.diagnosis.data.recording import as_recorded, check_log, positions, to_recording
 from sim2real.diagnosis.data.refuse import refuse_clock
 from sim2real.diagnosis.data.trial import trial
@@ -40,7 +41,6 @@ class Gap(NamedTuple):
 
     log: Log
     joints: tuple[str, ...]  # those compared, M
-    time: np.ndarray  # (T,) s, of each row's episode
     measured: np.ndarray  # (T, M) rad or m; NaN in rows that are not compared (flag.fresh = 0)
     simulated: np.ndarray  # (T, M)
 
@@ -101,7 +101,7 @@ def _of_one_model(
         places = positions(log, model)
         measured = np.column_stack([log.column(f"qpos.{name}") for name in places])
         measured[~log.fresh] = np.nan
-        yield Gap(log, tuple(places), log.time, measured, path[:, list(places.values())])
+        yield Gap(log, tuple(places), measured, path[:, list(places.values())])
 
 
 def _error(difference: np.ndarray) -> dict[str, float]:
@@ -124,8 +124,7 @@ def write(gaps: Sequence[Gap], out: Path) -> None:
     table = Table(("log", "joint", "rmse", "mae"))
     for gap in gaps:
         for joint, error in gap.errors().items():
-            name = gap.log.path.name if gap.log.path else ""
-            table.add(name, joint, error["rmse"], error["mae"])
+            table.add(name_of(gap.log, ""), joint, error["rmse"], error["mae"])
     table.add("all", "", found["rmse"], found["mae"])
     table.notes.append("Errors in rad (hinges) or m (slides), over all rows; nothing was fitted.")
     draw(gaps[:SHOWN], out / "plots" / "replay.png")
@@ -150,7 +149,7 @@ def draw(gaps: Sequence[Gap], path: Path) -> None:
             for panel in axes[len(gap.joints) :, column]:
                 panel.set_visible(False)
             for row, joint in enumerate(gap.joints):
-                panel, time = axes[row, column], gap.time[first]
+                panel, time = axes[row, column], gap.log.time[first]
                 panel.plot(time, gap.measured[first, row], color=INK, label="measured")
                 panel.plot(time, gap.simulated[first, row], color=COLOURS[1], label="simulated")
                 panel.set_ylabel(f"{joint} (rad or m)")

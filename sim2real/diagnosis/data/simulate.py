@@ -20,6 +20,7 @@ import mujoco
 import numpy as np
 
 from envs.effects import Effect, make
+from envs.effects.appearance import Appearance
 from envs.effects.supply import ThermalDerating
 from envs.plant import Fixed, Plant
 from envs.replay import (
@@ -36,7 +37,6 @@ from sim2real.diagnosis.data.lean import lean
 from sim2real.diagnosis.data.thermal import Heat
 from sim2real.diagnosis.data.together import cores, is_free, is_helper, together
 from sim2real.diagnosis.data.windows import Window
-from sim2real.diagnosis.data.work import Work
 
 ACTUATORS = tuple(
     f"actuator_{name}" for name in ("gainprm", "biasprm", "forcerange", "damping", "delay")
@@ -63,6 +63,25 @@ class Run(NamedTuple):
     effects: tuple[Effect, ...]
     windows: np.ndarray  # (R,)
     values: np.ndarray  # (R, P)
+
+
+class Work:
+    """Physics steps and seconds of robot time, of all rows that were simulated."""
+
+    def __init__(self) -> None:
+        self.seconds, self.steps = 0.0, 0
+
+    def add(self, seconds: float, steps: int) -> None:
+        """Count what was simulated."""
+        self.seconds, self.steps = self.seconds + seconds, self.steps + steps
+
+    def apart(self, task: Callable[[], T]) -> tuple[T, tuple[float, int]]:
+        """Return what a task returns, and what it simulated, which is not counted here."""
+        kept, self.seconds, self.steps = (self.seconds, self.steps), 0.0, 0
+        try:
+            return task(), (self.seconds, self.steps)
+        finally:
+            self.seconds, self.steps = kept
 
 
 class _Lean(NamedTuple):
@@ -101,7 +120,8 @@ class Simulator:
         work: Work | None = None,
         models: Sequence[_Lean] | None = None,
     ) -> None:
-        self.data, self.fixed, self.threads, self.on_run = data, tuple(fixed), threads, on_run
+        self.data, self.threads, self.on_run = data, threads, on_run
+        self.fixed = tuple(one for one in fixed if not isinstance(one[0], Appearance))
         self.heat = Heat(data, self.paths)
         self.work = Work() if work is None else work
         if models is None:
@@ -136,8 +156,10 @@ class Simulator:
         What Python steps is done on several cores, side by side, and so is what is small; many rows
         that the engine steps itself are done one chunk after the other, on all cores.
         """
-        found = [self.blank(len(run.windows)) for run in runs]
-        jobs = []
+        found, jobs = [], []
+        for run in runs:
+            shape = (len(run.windows), self._length, len(self.data.joints))
+            found.append(Simulated(np.zeros(shape), np.zeros(shape), np.full(shape[0], np.inf)))
         for result, (effects, windows, values) in zip(found, runs, strict=True):
             models = np.array([self.data.windows[i].model for i in windows], int)
             for model in np.unique(models).tolist():
@@ -156,11 +178,6 @@ class Simulator:
             for all_, some in zip(result, task() if alone else next(shared), strict=True):
                 all_[own] = some
         return found
-
-    def blank(self, rows: int) -> Simulated:
-        """Return what rows come to that follow the log to the bit."""
-        shape = (rows, self._length, len(self.data.joints))
-        return Simulated(np.zeros(shape), np.zeros(shape), np.full(rows, np.inf))
 
     def together(self, tasks: Sequence[Callable[[], T]]) -> list[T]:
         """Return what tasks return that simulate with this, done on several cores."""

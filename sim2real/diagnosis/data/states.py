@@ -18,11 +18,11 @@ import mujoco
 import numpy as np
 
 from hardware.log import Log
+from sim2real.diagnosis.data.pairs import driven_by
 from sim2real.runs.errors import Sim2RealError
 
 INTEGRATOR = int(mujoco.mjtDyn.mjDYN_INTEGRATOR)
 FILTERS = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
-INF = float("inf")
 NONE = int(mujoco.mjtDyn.mjDYN_NONE)
 
 
@@ -66,15 +66,21 @@ def stateful(model: mujoco.MjModel) -> dict[int, str]:
 
 
 def _path(columns: Mapping[str, np.ndarray], model: mujoco.MjModel, index: int) -> np.ndarray:
-    """Return the state of an actuator in each row of an episode, (T,)."""
+    """Return the state of an actuator in each row of an episode, (T,).
+
+    An integrator begins at its joint's position, times its gear.
+    """
     name, time = model.actuator(index).name, columns["time"]
     ctrl = columns.get(f"ctrl.{name}", np.zeros(len(time)))
     if model.actuator_ctrllimited[index]:
         ctrl = np.clip(ctrl, *model.actuator_ctrlrange[index])
-    limits = model.actuator_actrange[index] if model.actuator_actlimited[index] else (-INF, INF)
-    low, high = map(float, limits)
+    low, high = -np.inf, np.inf
+    if model.actuator_actlimited[index]:
+        low, high = map(float, model.actuator_actrange[index])
     if model.actuator_dyntype[index] == INTEGRATOR:
-        first, kept, added = _stands(columns, model, index), np.ones(len(time) - 1), np.diff(time)
+        driven, gear = driven_by(model, name), float(model.actuator_gear[index, 0])
+        stands = columns.get(f"qpos.{driven[1]}", [0.0])[0] if driven else 0.0
+        first, kept, added = gear * stands, np.ones(len(time) - 1), np.diff(time)
     else:
         kept = np.exp(-np.diff(time) / max(float(model.actuator_dynprm[index, 0]), mujoco.mjMINVAL))
         first, added = ctrl[0], 1 - kept
@@ -82,12 +88,3 @@ def _path(columns: Mapping[str, np.ndarray], model: mujoco.MjModel, index: int) 
     for share, gain in zip(kept.tolist(), (added * ctrl[:-1]).tolist(), strict=True):
         path.append(min(max(share * path[-1] + gain, low), high))
     return np.array(path)
-
-
-def _stands(columns: Mapping[str, np.ndarray], model: mujoco.MjModel, index: int) -> float:
-    """Return where an integrator begins: at its joint's position, times its gear."""
-    if model.actuator_trntype[index] != mujoco.mjtTrn.mjTRN_JOINT:
-        return 0.0
-    joint = model.joint(int(model.actuator_trnid[index, 0])).name
-    first = columns.get(f"qpos.{joint}", np.zeros(1))[0]
-    return float(model.actuator_gear[index, 0] * first)

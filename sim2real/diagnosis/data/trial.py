@@ -20,14 +20,15 @@ from envs.replay import Recording, schedule, simulate, switchable
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
 from sim2real.diagnosis.data.recording import (
+    HUNTING,
     Columns,
     episode_rows,
+    is_flagged,
     rows_before,
     rows_of,
     to_recording,
 )
 from sim2real.diagnosis.data.speeds import NEAR
-from sim2real.diagnosis.data.windows import hunting_rows
 
 LARGEST = 2e8  # bytes of positions simulated at once
 STIR = 0.02  # rad or m: a command that moves less does not stir its joint
@@ -67,11 +68,6 @@ def choose(logs: Sequence[Log], seconds: float, most: int) -> list[Piece]:
     """Return pieces in which the commands of as many actuators as possible move.
 
     Pieces in which a loop hunts are taken only where there are no others: no replay follows them.
-
-    Args:
-        logs: the logs to cut.
-        seconds: length of a piece.
-        most: number of pieces at most.
     """
     cuts: list[tuple[int, int, int]] = []  # number of the log, first and last row
     for number, log in enumerate(logs):
@@ -80,7 +76,7 @@ def choose(logs: Sequence[Log], seconds: float, most: int) -> list[Piece]:
             ends = np.searchsorted(time, np.arange(time[0], time[-1], seconds) - ROUNDING)
             rows = pairwise([*(own.start + ends).tolist(), own.stop])
             cuts += [(number, first, last) for first, last in rows if last - first > 2 * NEAR]
-    hunts = [hunting_rows(log) for log in logs]
+    hunts = [is_flagged(log, HUNTING) for log in logs]
     cuts = [one for one in cuts if not hunts[one[0]][slice(*one[1:])].any()] or cuts
     names = list(dict.fromkeys(name for log in logs for name in log.actuators))
     stirs = np.zeros((len(cuts), len(names)))
@@ -104,16 +100,7 @@ def choose(logs: Sequence[Log], seconds: float, most: int) -> list[Piece]:
 def trial(
     spec: mujoco.MjSpec, recordings: Sequence[Recording], fixed: Sequence[Fixed] = ()
 ) -> list[np.ndarray]:
-    """Replay recordings side by side.
-
-    Args:
-        spec: the model.
-        recordings: N of them.
-        fixed: effects that every row has.
-
-    Returns:
-        What the encoders would have said when they were read, N arrays (T, nq).
-    """
+    """Return what encoders would say when they are read in replays side by side, (T, nq) each."""
     plant_spec, dt = switchable(spec), spec.option.timestep
     plans = [schedule(recording, dt) for recording in recordings]
     width = len(recordings[0].qpos) + recordings[0].ctrl.shape[1]

@@ -19,8 +19,11 @@ from envs.replay import Recording
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
 from sim2real.diagnosis.data.recording import (
+    BLOCKED,
+    HUNTING,
     columns_of,
     episode_rows,
+    is_flagged,
     powered,
     rows_before,
     rows_of,
@@ -30,20 +33,8 @@ from sim2real.diagnosis.data.speeds import NEAR
 from sim2real.diagnosis.settings import DEFAULT, TINY, Windows
 from sim2real.runs.errors import Sim2RealError
 
-BLOCKED = "flag.blocked"  # the column of rows in which something is in the robot's way
-HUNTING = "flag.hunting"  # the column of rows in which a servo's loop hunts
 HALF = 0.5  # of a window's rows
 BEFORE = 0.1  # of the time that is left out after a servo is switched on, is left out before
-
-
-def hunting_rows(log: Log) -> np.ndarray:
-    """Return in which rows of a log a servo's loop hunts, (T,) bool; false where none is marked."""
-    return log.columns.get(HUNTING, np.zeros(len(log))) > 0
-
-
-def blocked_rows(log: Log) -> np.ndarray:
-    """Return in which rows of a log something is in the robot's way, (T,) bool."""
-    return log.columns.get(BLOCKED, np.zeros(len(log))) > 0
 
 
 class Joint(NamedTuple):
@@ -82,14 +73,7 @@ def cut(
     joints: Sequence[Joint],
     settings: Windows = DEFAULT.windows,
 ) -> list[Window]:
-    """Return the windows of all logs.
-
-    Args:
-        logs: the logs.
-        which: the model of each.
-        models: the models.
-        joints: the compared positions.
-        settings: how long windows are, and which rows count.
+    """Return the windows of all logs, whose models are those of the numbers in `which`.
 
     Raises:
         Sim2RealError: a log too short to be cut, or blocked nearly throughout.
@@ -115,7 +99,7 @@ def cut(
         for first, last in pairwise(_anew(part, cuts, settings)):
             warm = max(int(np.searchsorted(part.time, part.time[first] - ahead)), int(cuts[0]))
             last = warm + _calm_rows(part, warm, last, settings)
-            if last - first > 1 and blocked_rows(part)[first:last].mean() < HALF:
+            if last - first > 1 and is_flagged(part, BLOCKED)[first:last].mean() < HALF:
                 rows = (start + warm, start + first, start + last)
                 args = (logs[number], number, own, models[own], joints, rows, settings)
                 windows.append(cut_one(*args))
@@ -162,7 +146,7 @@ def _anew(part: Log, cuts: np.ndarray, settings: Windows) -> np.ndarray:
 
     Cuts that such a one would leave too short a window give way to it.
     """
-    hunts = hunting_rows(part)
+    hunts = is_flagged(part, HUNTING)
     ended = part.time[1:][np.diff(hunts.astype(int)) < 0] + settings.shortest_s + settings.warm_s
     rows = np.searchsorted(part.time, ended[ended < part.time[-1]] - ROUNDING)
     near = np.abs(part.time[cuts[1:-1], None] - part.time[rows]) < settings.shortest_s
@@ -175,7 +159,7 @@ def _calm_rows(part: Log, first: int, last: int, settings: Windows) -> int:
     What the robot does afterwards hangs on the phase in which hunting stops, which no start tells.
     """
     before = int(np.searchsorted(part.time, part.time[first] - settings.shortest_s))
-    hunts = np.flatnonzero(hunting_rows(part)[before:last]) + before
+    hunts = np.flatnonzero(is_flagged(part, HUNTING)[before:last]) + before
     return last - first if not hunts.size else max(int(hunts[0]) - first, 0)
 
 
@@ -257,7 +241,7 @@ def _usable(log: Log, first: int, last: int, settings: Windows = DEFAULT.windows
         for moment in time[1:][on[1:] & ~on[:-1]]:
             start, end = moment - BEFORE * settings.kick_s, moment + settings.kick_s
             good &= (time < start) | (time > end)
-    free = ~blocked_rows(log)[first:last]
+    free = ~is_flagged(log, BLOCKED)[first:last]
     return free & (good if good.sum() > 1 else True)
 
 

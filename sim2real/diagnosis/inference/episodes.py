@@ -11,8 +11,8 @@ import numpy as np
 
 from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.simulate import Work
 from sim2real.diagnosis.data.windows import Window, cut_one
-from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.inference.fit import Fit
 from sim2real.diagnosis.inference.likelihood import Likelihood
 from sim2real.diagnosis.inference.replayer import Job, Replayer

@@ -21,7 +21,7 @@ import numpy as np
 from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.progress import Moving
-from sim2real.diagnosis.data.work import Work
+from sim2real.diagnosis.data.simulate import Work
 from sim2real.diagnosis.inference.decision import (
     Standing,
     compute_posterior,

@@ -22,10 +22,9 @@ from envs.plant import Fixed
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.noise_floor import reading_noise
-from sim2real.diagnosis.data.simulate import BATCH, Simulator
+from sim2real.diagnosis.data.simulate import BATCH, Simulator, Work
 from sim2real.diagnosis.data.starts import faster, further, speeds_at, start_errors
 from sim2real.diagnosis.data.windows import Window, cut_one
-from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.inference.batches import Rows, simulate_each
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.usual import list_usual

@@ -18,8 +18,8 @@ from envs.effects import merge_effects
 from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.progress import Moving
+from sim2real.diagnosis.data.simulate import Work
 from sim2real.diagnosis.data.windows import cut_one, is_driven
-from sim2real.diagnosis.data.work import Work
 from sim2real.diagnosis.inference.baseline import Baseline
 from sim2real.diagnosis.inference.conclusion import Conclusion, effects_of, make_conclusion
 from sim2real.diagnosis.inference.judge import Judge, Judgement

@@ -26,10 +26,10 @@ from sim2real.diagnosis.data.pairs import (
     unit_of,
     which,
 )
+from sim2real.diagnosis.data.recording import powered
 from sim2real.diagnosis.data.windows import reversals
-from sim2real.diagnosis.preflight.duties import check_duties
+from sim2real.diagnosis.preflight.control_laws import check_duties, check_torques
 from sim2real.diagnosis.preflight.speeds import check_speeds
-from sim2real.diagnosis.preflight.torques import check_torques
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import TINY, Settings
 
@@ -55,7 +55,7 @@ def _rate(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
         usual = np.quantile(np.abs(steps - middle), 1 - settings.inference.level)
         if usual > limits.jitter * middle:
             uneven.append((log, f"{middle / MILLI:.3g} ms ± {steps.std() / MILLI:.2g} ms"))
-        long = steps > limits.gap * middle
+        long = steps > 2 * (1 + limits.jitter) * middle
         if long.any():
             gaps.append((log, f"{int(long.sum())} of up to {steps.max():.3g} s"))
         said = log.meta.get("rate")
@@ -125,7 +125,7 @@ def _loss(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
 def _excitation(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Joints that never moved enough, or never turned back."""
     limits = settings.preflight
-    still = {"rad": limits.still_rad, "m": limits.still_m}
+    still: dict[str, float] = dict(zip(("rad", "m"), limits.still, strict=True))
     for joint in joints_of(pairs):
         paths = [p.column(f"qpos.{joint}") for p in episodes_with(pairs, f"qpos.{joint}")]
         moved, unit = max(float(np.ptp(q)) for q in paths), unit_of(pairs, joint)
@@ -205,8 +205,7 @@ def _limits(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
             if model.actuator_forcelimited[index] and model.actuator_biasprm[index, 1] != 0:
                 size = np.abs(_least_force(log, model, index, joint))
                 most = float(model.actuator_forcerange[index, 1])
-                on = log.columns.get(f"torque.{name}", np.ones(len(log))) > 0
-                held += int(np.sum(on & (size >= most)))
+                held += int(np.sum(powered(log, name) & (size >= most)))
                 often = float(np.quantile(size, 1 - limits.saturated_share))
                 ratios.append(min(most / max(often, TINY), 1.0))
         if rows and outside / rows > limits.outside:
@@ -281,16 +280,12 @@ def _commands(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
 
 def _unsigned(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     """Currents that are never negative although the joints go both ways."""
-    currents: dict[str, list[np.ndarray]] = {}
-    for log, _ in pairs:
-        for name, values in log.columns.items():
-            if "current" in name.split("_")[0]:
-                currents.setdefault(name, []).append(values)
-    found = [
-        name
-        for name, own in currents.items()
-        if all(values.min() >= 0 for values in own) and any(np.ptp(values) > 0 for values in own)
-    ]
+    names = dict.fromkeys(name for log, _ in pairs for name in log.columns)
+    found = []
+    for name in [name for name in names if "current" in name.split("_")[0]]:
+        own = [log.column(name) for log, _ in pairs if name in log.columns]
+        if min(map(np.min, own)) >= 0 and max(map(np.ptp, own)) > 0:
+            found.append(name)
     if found:
         yield Finding(
             "unsigned",

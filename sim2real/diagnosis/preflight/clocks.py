@@ -20,12 +20,7 @@ MILLI, PPM = 1e-3, 1e-6
 
 
 def check_clocks(logs: Sequence[Log], settings: Settings = DEFAULT) -> Iterator[Finding]:
-    """Yield what the clocks of logs contradict.
-
-    Args:
-        logs: the logs.
-        settings: when a clock is worth a finding.
-    """
+    """Yield what the clocks of logs contradict."""
     if any(log.meta.get("clock") == "nominal" for log in logs):
         yield Finding(
             "clock",

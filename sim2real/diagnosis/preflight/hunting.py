@@ -22,12 +22,10 @@ from scipy.signal import find_peaks
 from hardware.log import Log
 from sim2real.diagnosis.data.noise_floor import count_of
 from sim2real.diagnosis.data.pairs import name_of
-from sim2real.diagnosis.data.recording import episode_rows, flagged
+from sim2real.diagnosis.data.recording import HUNTING, episode_rows, flagged, powered
 from sim2real.diagnosis.data.replay import Gap
-from sim2real.diagnosis.data.windows import HUNTING
 from sim2real.diagnosis.schema import Finding
-from sim2real.diagnosis.settings import DEFAULT
-from sim2real.diagnosis.settings import Hunting as Limits
+from sim2real.diagnosis.settings import DEFAULT, Settings
 
 
 class Hunt(NamedTuple):
@@ -45,14 +43,11 @@ class Hunt(NamedTuple):
 
 
 def mark_hunting(
-    logs: Sequence[Log], driven: Mapping[str, str], settings: Limits = DEFAULT.hunting
+    logs: Sequence[Log], driven: Mapping[str, str], settings: Settings = DEFAULT
 ) -> tuple[list[Log], list[Finding]]:
     """Return the logs with hunting rows flagged, and what was found. Others come back as they are.
 
-    Args:
-        logs: logs of one robot.
-        driven: the joint that each actuator drives by desired positions.
-        settings: what counts as hunting.
+    `driven` is the joint that each actuator drives by desired positions.
     """
     flags = [np.zeros(len(log), bool) for log in logs]
     findings = []
@@ -73,13 +68,13 @@ def tell_simulated(
     findings: Sequence[Finding],
     driven: Mapping[str, str],
     models: Sequence[tuple[str, Sequence[Gap]]],
-    settings: Limits = DEFAULT.hunting,
+    settings: Settings = DEFAULT,
 ) -> tuple[list[Finding], bool]:
     """Return findings that also say whether models hunt where the robot does.
 
     Args:
         findings: those of `mark_hunting`; others come back as they are.
-        driven: the joint that each actuator drives.
+        driven: see there.
         models: what each is called, and all logs replayed in it.
         settings: what counts as hunting.
 
@@ -99,7 +94,7 @@ def tell_simulated(
 
 
 def _simulated(
-    findings: Sequence[Finding], driven: Mapping[str, str], gaps: Sequence[Gap], settings: Limits
+    findings: Sequence[Finding], driven: Mapping[str, str], gaps: Sequence[Gap], settings: Settings
 ) -> dict[str | None, list[tuple[Log, Hunt]]]:
     """Return where simulated joints hunt, by the joints at which the robot does."""
     found: dict[str | None, list[tuple[Log, Hunt]]] = {
@@ -115,17 +110,17 @@ def _simulated(
 
 
 def _each(
-    log: Log, angle: np.ndarray, actuator: str, joint: str, settings: Limits
+    log: Log, angle: np.ndarray, actuator: str, joint: str, settings: Settings
 ) -> Iterator[tuple[slice, list[Hunt]]]:
     """Yield the rows of each episode, and where an angle hunts in them, its servo on."""
     if actuator not in log.actuators:
         return
-    least, command = settings.counts * count_of([log], joint), log.column(f"ctrl.{actuator}")
+    least, on = settings.hunting.counts * count_of([log], joint), powered(log, actuator)
+    command = log.column(f"ctrl.{actuator}")
     others = [log.column(f"ctrl.{name}") for name in log.actuators if name != actuator]
-    off = log.columns.get(f"torque.{actuator}", np.ones(len(log))) <= 0
     for rows in episode_rows(log):
         rest = [other[rows] for other in others]
-        time, free = log.time[rows], log.time[rows][off[rows]]
+        time, free = log.time[rows], log.time[rows][~on[rows]]
         hunts = hunting(time, angle[rows], command[rows], rest, least, settings)
         yield rows, [h for h in hunts if not ((free >= h.first) & (free <= h.last)).any()]
 
@@ -136,7 +131,7 @@ def hunting(
     command: np.ndarray,
     others: Sequence[np.ndarray] = (),
     least: float = 0.0,
-    settings: Limits = DEFAULT.hunting,
+    settings: Settings = DEFAULT,
 ) -> list[Hunt]:
     """Return the stretches in which an angle swings steadily, and no command does.
 
@@ -145,14 +140,14 @@ def hunting(
         angle: of the joint [rad or m], (T,).
         command: what it should be, (T,).
         others: commands of the other joints, whose motion may shake this one, (T,) each.
-        least: swings are at least this large [rad or m], and `settings.swing`.
+        least: swings are at least this large [rad or m], and `swing`.
         settings: what counts as hunting.
     """
-    least, row = max(least, settings.swing), float(np.median(np.diff(time)))
-    shaken = [_turns(other, settings.asked * float(np.ptp(other))) for other in others]
+    least, row = max(least, settings.hunting.swing), float(np.median(np.diff(time)))
+    shaken = [_turns(other, settings.windows.turn * float(np.ptp(other))) for other in others]
     found = _steady(time, angle, command, shaken, least, settings)
-    large = max(least, settings.asked * float(np.ptp(angle)))  # smaller: perhaps stick-slip
-    for rows in [round(width / row) for width in settings.faster_s]:
+    large = max(least, settings.windows.turn * float(np.ptp(angle)))  # smaller: perhaps stick-slip
+    for rows in [round(width / row) for width in settings.hunting.faster_s]:
         if rows > 1:
             rest = [v - uniform_filter1d(v, rows, mode="nearest") for v in (angle, command)]
             found += _steady(time, rest[0], rest[1], shaken, large, settings)
@@ -165,19 +160,19 @@ def _steady(
     command: np.ndarray,
     shaken: Sequence[np.ndarray],
     least: float,
-    settings: Limits,
+    settings: Settings,
 ) -> list[Hunt]:
     """Return where an angle swings evenly, its command does not, and others turn less often."""
-    turns, count = _turns(angle, least), settings.swings
+    turns, count = _turns(angle, least), settings.hunting.swings
     if len(turns) <= count:
         return []
     swings = np.abs(np.diff(angle[turns]))
     runs = [sliding_window_view(v, count) for v in (swings, np.diff(time[turns]))]
-    even = [run.min(axis=1) >= settings.even * run.max(axis=1) for run in runs]
+    even = [run.min(axis=1) >= settings.hunting.even * run.max(axis=1) for run in runs]
     steady = np.zeros(len(swings), bool)
     for k in np.flatnonzero(even[0] & even[1]):
         first, last = turns[k], turns[k + count]
-        size = settings.asked * float(np.median(runs[0][k]))
+        size = settings.windows.turn * float(np.median(runs[0][k]))
         asked = len(_turns(command[first : last + 1], size))
         busiest = max((int(np.sum((t >= first) & (t < last))) for t in shaken), default=0)
         steady[k : k + count] |= 4 * asked <= count and 2 * busiest <= count
@@ -214,7 +209,7 @@ def _turns(values: np.ndarray, size: float) -> np.ndarray:
     return rows[np.diff(top, prepend=~top[:1])]  # of tops that are level, the first
 
 
-def _left_out(time: np.ndarray, hunts: Sequence[Hunt], settings: Limits) -> np.ndarray:
+def _left_out(time: np.ndarray, hunts: Sequence[Hunt], settings: Settings) -> np.ndarray:
     """Return which rows no replay is held to, (T,) bool.
 
     A stretch that begins where the joint was at rest keeps its first swings; one that goes on after
@@ -222,9 +217,9 @@ def _left_out(time: np.ndarray, hunts: Sequence[Hunt], settings: Limits) -> np.n
     """
     out, ended = np.zeros(len(time), bool), -np.inf
     for hunt in hunts:
-        fresh = hunt.first - ended > settings.calm_s
-        kept = 1 / (2 * hunt.frequency) if fresh else -settings.calm_s
-        ended = hunt.last + settings.calm_s
+        fresh = hunt.first - ended > settings.windows.kick_s
+        kept = 1 / (2 * hunt.frequency) if fresh else -settings.windows.kick_s
+        ended = hunt.last + settings.windows.kick_s
         out |= (time >= hunt.first + kept) & (time <= ended)
     return out
 

@@ -15,9 +15,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
 from sim2real.diagnosis.data.pairs import Pairs, name_of
-from sim2real.diagnosis.data.recording import episode_rows
+from sim2real.diagnosis.data.recording import HUNTING, episode_rows, is_flagged
 from sim2real.diagnosis.data.trial import Piece, piece, trial
-from sim2real.diagnosis.data.windows import hunting_rows
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE, Preflight, Settings
 
@@ -28,15 +27,9 @@ Lags = dict[str, list[tuple[float, float]]]  # by joint: time [s] and lag [s] of
 def check_lag(
     pairs: Pairs, specs: Sequence[mujoco.MjSpec], settings: Settings = DEFAULT
 ) -> Iterator[Finding]:
-    """Yield a finding for each log in which the lag jumps.
-
-    Args:
-        pairs: the logs and their models.
-        specs: the models' specs; the same object where logs share one.
-        settings: what counts as a jump.
-    """
-    for (log, _), lags in zip(pairs, _lags(pairs, specs, settings), strict=True):
-        jump = _jump(lags, settings.preflight)
+    """Yield a finding for each log in which the lag jumps."""
+    for (log, model), spec in zip(pairs, specs, strict=True):
+        jump = _jump(_lags(log, model, spec, settings), settings.preflight)
         if jump is not None:
             time, before, after = jump
             yield Finding(
@@ -49,32 +42,27 @@ def check_lag(
             )
 
 
-def _lags(pairs: Pairs, specs: Sequence[mujoco.MjSpec], settings: Settings) -> list[Lags]:
-    """Return the lags of each log: of each joint in each window of an episode's first minute."""
-    found: list[Lags] = [{} for _ in pairs]
-    pieces = [one for n, (log, _) in enumerate(pairs) for one in _starts(log, n, settings)]
-    for spec in {id(specs[one.number]): specs[one.number] for one in pieces}.values():
-        own = [one for one in pieces if specs[one.number] is spec]
-        model = pairs[own[0].number][1]
-        paths = trial(spec, [one.recording(model) for one in own])
-        for one, path in zip(own, paths, strict=True):
-            for i in range(model.njnt):
-                name = model.joint(i).name
-                if f"qpos.{name}" in one.log.columns and np.isfinite(path).all():
-                    simulated = path[:, model.jnt_qposadr[i]]
-                    windows = found[one.number].setdefault(name, [])
-                    windows += _windows(name, one.log, simulated, settings)
+def _lags(log: Log, model: mujoco.MjModel, spec: mujoco.MjSpec, settings: Settings) -> Lags:
+    """Return a log's lags: of each joint in each window of an episode's first minute."""
+    found, pieces = Lags(), list(_starts(log, settings))
+    paths = trial(spec, [one.recording(model) for one in pieces]) if pieces else []
+    for one, path in zip(pieces, paths, strict=True):
+        for i in range(model.njnt):
+            name = model.joint(i).name
+            if f"qpos.{name}" in one.log.columns and np.isfinite(path).all():
+                simulated = path[:, model.jnt_qposadr[i]]
+                found.setdefault(name, []).extend(_windows(name, one.log, simulated, settings))
     return found
 
 
-def _starts(log: Log, number: int, settings: Settings) -> Iterator[Piece]:
+def _starts(log: Log, settings: Settings) -> Iterator[Piece]:
     """Yield the first minute of each episode that is long enough."""
     limits = settings.preflight
     for own in episode_rows(log):
         time = log.time[own] - log.time[own.start]
         rows = int(np.searchsorted(time, limits.lag_episode_s - ROUNDING))
         if time[rows - 1] > 2 * limits.lag_windows * settings.windows.longest_s:
-            yield piece(log, number, own.start, own.start + rows)
+            yield piece(log, 0, own.start, own.start + rows)
 
 
 def _windows(
@@ -91,7 +79,7 @@ def _windows(
         np.gradient(np.interp(clock, log.time, q), dt)
         for q in (log.column(f"qpos.{joint}"), simulated)
     )
-    hunts = np.interp(clock, log.time, hunting_rows(log).astype(float)) > 0
+    hunts = np.interp(clock, log.time, is_flagged(log, HUNTING).astype(float)) > 0
     seconds, reach = settings.windows.longest_s, round(limits.reach_s / dt)
     width = max(round(seconds / dt), 1)
     for first in range(reach, len(clock) - width - reach, width):
@@ -122,7 +110,7 @@ def _jump(lags: Mapping[str, Sequence], limits: Preflight) -> tuple[float, float
     """
     joints = [np.array(windows).T for windows in lags.values() if windows]  # (2, n) each
     times = np.unique(np.concatenate([time for time, _ in joints])) if joints else np.zeros(0)
-    best, answer = limits.lag_jump_s, None
+    best, answer = limits.sigmas * limits.offset_s, None
     for cut in (times[:-1] + times[1:]) / 2:
         sides = [(lag[time < cut], lag[time > cut]) for time, lag in joints]
         sides = [pair for pair in sides if min(map(len, pair)) >= limits.lag_windows]

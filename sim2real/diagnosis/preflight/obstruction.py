@@ -19,8 +19,7 @@ import numpy as np
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
 from sim2real.diagnosis.data.pairs import name_of
-from sim2real.diagnosis.data.recording import flagged
-from sim2real.diagnosis.data.windows import BLOCKED
+from sim2real.diagnosis.data.recording import BLOCKED, flagged, is_flagged, powered
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, Obstruction, Settings
 
@@ -44,13 +43,9 @@ def mark_blocked(
     """Return the logs with blocked rows flagged, and what was found.
 
     Rows that a log flags itself stay flagged. Logs without currents come back as they are.
-
-    Args:
-        logs: logs of one robot.
-        driven: the joint that each actuator drives by desired positions.
-        settings: what counts as held.
+    `driven` is the joint that each actuator drives by desired positions.
     """
-    flags = [np.array(log.columns.get(BLOCKED, np.zeros(len(log)))) > 0 for log in logs]
+    flags = [is_flagged(log, BLOCKED) for log in logs]
     findings = []
     for servo in driven.items():
         held = _held(logs, servo, settings)
@@ -119,8 +114,7 @@ def _resting(log: Log, servo: tuple[str, str], settings: Obstruction) -> np.ndar
         first, last = (np.searchsorted(time, time + side - ROUNDING) for side in sides)
         spans = zip(first, np.minimum(last, len(time) - 1) + 1, strict=True)
         found.append(np.array([np.ptp(position[a:b]) < settings.still for a, b in spans]))
-    on = log.columns.get(f"torque.{servo[0]}", np.ones(len(log))) > 0
-    return np.concatenate(found) & on
+    return np.concatenate(found) & powered(log, servo[0])
 
 
 def _widened(log: Log, rows: np.ndarray, margin: float) -> np.ndarray:

@@ -78,17 +78,10 @@ def speed_laws(pairs: Pairs, settings: Preflight = DEFAULT.preflight) -> dict[st
 def speed_law(
     parts: Sequence[Log], joint: str, settings: Preflight = DEFAULT.preflight
 ) -> SpeedLaw | None:
-    """Return how a joint's speed follows its position.
+    """Return how a joint's speed follows its position in episodes that have `qvel.<joint>`.
 
-    Args:
-        parts: episodes that have `qvel.<joint>`; rows within the largest delay of their ends do not
-            count.
-        joint: which.
-        settings: the largest delay, and what the law has to explain.
-
-    Returns:
-        None where the speed says nothing: too few rows, a joint that hardly moved, or another
-        quantity.
+    Rows within the largest delay of their ends do not count. None where the speed says nothing: too
+    few rows, a joint that hardly moved, or another quantity.
     """
     reach, known = settings.reach_s, []
     for part in parts:

@@ -1,6 +1,6 @@
 """Axes: where a value is drawn, and which round numbers label it.
 
-    axis = Linear(0.0, 0.3, start=52, end=324)
+    axis = Axis(0.0, 0.3, start=52, end=324)
     axis(0.1), list(axis.ticks(4))               # a coordinate; (coordinate, text) of each number
     scale_for([0.108, 0.0015], floor=0.0006)     # a Log axis: they lie far apart
 
@@ -26,7 +26,7 @@ MARGIN = 0.04  # of a line's length: left free on either side of an axis without
 
 @dataclass(frozen=True)
 class Axis:
-    """A map from values to coordinates."""
+    """A map from values to coordinates: a linear one, where no subclass says otherwise."""
 
     low: float  # the number at its start
     high: float
@@ -45,19 +45,10 @@ class Axis:
 
     def _share(self, numbers: np.ndarray) -> np.ndarray:
         """Return where numbers are, as shares of the axis."""
-        raise NotImplementedError
-
-    def _numbers(self, count: int) -> Iterator[tuple[float, str]]:
-        raise NotImplementedError
-
-
-class Linear(Axis):
-    """A linear axis; one about 0 has a number on each side."""
-
-    def _share(self, numbers: np.ndarray) -> np.ndarray:
         return (numbers - self.low) / max(self.high - self.low, TINY)
 
     def _numbers(self, count: int) -> Iterator[tuple[float, str]]:
+        """Yield round numbers; of an axis about 0 one is on each side."""
         even = self.low == -self.high
         step = _round_step(EVEN * self.high if even else (self.high - self.low) / count)
         digits = max(0, -math.floor(math.log10(step) + TINY))
@@ -109,13 +100,13 @@ def scale_for(values: Sequence[float], floor: float, factor: float = 1.0) -> Axi
     most = max([*sizes, TINY])
     least = min([size for size in sizes if size > 0] or [most])
     if most / least < FAR:
-        return Linear(0.0, SPARE * most, factor=factor)
+        return Axis(0.0, SPARE * most, factor=factor)
     return Log(BELOW * max(least, min(factor * floor, most / FAR)), SPARE * most, factor=factor)
 
 
-def inset(low: float, high: float) -> Linear:
+def inset(low: float, high: float) -> Axis:
     """Return an axis for two values, at a margin from the ends of a line."""
-    return Linear(low, high, MARGIN, 1 - MARGIN)
+    return Axis(low, high, MARGIN, 1 - MARGIN)
 
 
 def _round_step(rough: float) -> float:

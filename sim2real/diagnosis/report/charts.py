@@ -75,12 +75,7 @@ def correlations(report: Report) -> list[dict[str, Any]]:
 
 
 def bands(report: Report, units: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Return the tables of frequencies, one for each unit, each on one scale.
-
-    Args:
-        report: the report with its evidence.
-        units: the units of each joint.
-    """
+    """Return the tables of frequencies, one for each of the joints' units, each on one scale."""
     every = report.evidence.bands
     kinds = dict.fromkeys(units[band.joint] for band in every)
     return [_bands([b for b in every if units[b.joint] == unit], unit) for unit in kinds]

@@ -68,9 +68,9 @@ def _table(
     known = [one for one in estimates if one is not None]
     low, high = min(one.ci[0] for one in known), max(one.ci[1] for one in known)
     room = (axes.SPARE - 1) * max(high - low, TINY)
-    scale = axes.Linear(low - room, high + room)
+    scale = axes.Axis(low - room, high + room)
     if floor is not None:
-        scale = axes.Linear(0.0, high * axes.SPARE)
+        scale = axes.Axis(0.0, high * axes.SPARE)
     labels, rows = ("robot" if floor is None else "robot, its other half", *WORLDS), []
     for label, kind, one in zip(labels, KINDS, known, strict=False):
         value, *ends = (f"{v:.3g}".replace("-", "−") for v in (one.value, *one.ci))

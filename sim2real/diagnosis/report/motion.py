@@ -23,9 +23,6 @@ MOST = 400  # shapes: a page is no viewer of meshes
 def skeleton(model: mujoco.MjModel) -> dict[str, Any]:
     """Return bodies (parents first, the world left out), their joints, and the shapes on them.
 
-    Args:
-        model: the robot.
-
     Returns:
         `bodies`: parent (-1 the world), position, quaternion (w first) and joints, each with name,
         kind, axis, anchor and the value at which the body is as given. `shapes`: body, points in

@@ -47,11 +47,10 @@ def recordings(report: Report) -> tuple[list[dict[str, Any]], int]:
 
 def relative(trace: Trace) -> float:
     """Return the error of the model as given in units of the joint's own motion."""
-    known = svg.compared(trace)
-    if not known.any():
+    if not svg.compared(trace).any():
         return 0.0
-    error = float(np.sqrt(np.mean((trace.nominal - trace.measured)[known] ** 2)))
-    return error / max(float(trace.measured.std()), TINY)
+    whole = svg.Piece(trace, -math.inf, math.inf)
+    return whole.error("nominal") / max(float(trace.measured.std()), TINY)
 
 
 def _size(traces: Sequence[Trace], signals: Sequence[Signal]) -> int:
@@ -75,7 +74,11 @@ def _recording(traces: Sequence[Trace], signals: Sequence[Signal]) -> dict[str, 
         "episode": first.episode,
         "starts": starts.tolist(),
         "joints": [_joint(trace, part) for trace in traces],
-        "signals": [_signal(signal, part) for signal in signals],
+        "signals": [
+            {key: getattr(signal, key) for key in ("kind", "actuator", "unit", "joint")}
+            | {"time": floats(signal.time[part]), "values": packed(signal.values[part])}
+            for signal in signals
+        ],
     }
 
 
@@ -100,11 +103,6 @@ def _lines(trace: Trace) -> Mapping[str, np.ndarray]:
     if whole:
         del named[",".join(map(str, sorted(whole)))]
     return named
-
-
-def _signal(signal: Signal, part: slice) -> dict[str, Any]:
-    about = {k: getattr(signal, k) for k in ("kind", "actuator", "unit", "joint")}
-    return {**about, "time": floats(signal.time[part]), "values": packed(signal.values[part])}
 
 
 def floats(values: np.ndarray) -> str:

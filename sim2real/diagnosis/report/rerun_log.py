@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 
 from hardware.files import atomic_write
+from sim2real.diagnosis.data.pairs import name_of
 from sim2real.diagnosis.data.recording import positions
 from sim2real.diagnosis.data.replay import Gap
 from sim2real.diagnosis.report import robot_drawing
@@ -53,14 +54,13 @@ def write_rerun(path: str | Path, gaps: Mapping[str, Sequence[Gap]], spec: mujoc
 
 def _log(rr: Any, stream: Any, model: mujoco.MjModel, gap: Gap, lines: Mapping[str, Any]) -> None:
     """Send every episode of a log: shapes once, and in each row where bodies and joints are."""
-    name = gap.log.path.name if gap.log.path else "log"
     places = list(positions(gap.log, model).values())
     shapes = [(int(model.geom_bodyid[one[0]]), *one) for one in robot_drawing.outlines(model)]
     bodies = {body: model.body(body).name or body for body, *_ in shapes}
     for episode in np.unique(gap.log.episode):
         rows = gap.log.episode == episode
-        place = f"{name}/episode {episode}"
-        clock = [rr.TimeColumn(TIMELINE, duration=gap.time[rows])]
+        place = f"{name_of(gap.log, 'log')}/episode {episode}"
+        clock = [rr.TimeColumn(TIMELINE, duration=gap.log.time[rows])]
         for kind, line in lines.items():
             at, turned = _poses(model, places, line[rows])
             for body, called in bodies.items():

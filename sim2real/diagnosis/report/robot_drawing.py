@@ -51,12 +51,7 @@ class _Shape(NamedTuple):
 
 
 def robot(model: mujoco.MjModel, shares: Mapping[str, float]) -> Markup:
-    """Draw the robot in its keyframe `home`, else as it is by default.
-
-    Args:
-        model: the robot.
-        shares: the shares of the gap, by joint; joints that are not in it are not marked.
-    """
+    """Draw the robot in its keyframe `home`, else by default; joints of `shares` are marked."""
     data = at_home(model)
     shapes = sorted(_shapes(model, data), key=lambda shape: -shape.depth)
     joints = {name: _seen(data.xanchor[model.joint(name).id])[0] for name in shares}

@@ -17,7 +17,7 @@ import numpy as np
 from markupsafe import Markup
 
 from sim2real.diagnosis.evidence import Trace
-from sim2real.diagnosis.report.axes import Axis, Linear, Signed
+from sim2real.diagnosis.report.axes import Axis, Signed
 from sim2real.diagnosis.settings import TINY
 
 WIDTH, TOP, MAIN, GAP, ERROR, LEFT, BOTTOM = 330, 6, 118, 14, 56, 52, 22  # of a window, units
@@ -34,7 +34,7 @@ BENT = 12.0  # largest error, in twice the noise floor, from which the error axi
 NUMBER, UNIT, TIME, LAST = 5, 11, 14, 9  # distances of numbers and of the last one, units
 LEAST = 1e-6  # rad or m: room above and below positions that do not change
 LINES = ("measured", "nominal", "corrected")  # drawn in this order
-SHARES = Linear(0.0, 1.0)
+SHARES = Axis(0.0, 1.0)
 
 
 class Piece(NamedTuple):
@@ -87,9 +87,7 @@ def lines(trace: Trace) -> tuple[str, ...]:
 def window(piece: Piece, title: str) -> Markup:
     """Draw a piece of a trace: positions above, errors below with the noise floor as a band.
 
-    Args:
-        piece: of one joint in one episode.
-        title: what a screen reader says.
+    A screen reader says the title.
     """
     trace, inside = piece.trace, np.flatnonzero(piece.rows)
     index = inside[:: max(1, math.ceil(len(inside) / POINTS))]
@@ -98,8 +96,8 @@ def window(piece: Piece, title: str) -> Markup:
     names = lines(trace)
     values = {line: getattr(trace, line)[index] for line in names}
     errors = {line: scale * (values[line] - values["measured"]) for line in names[1:]}
-    x = Linear(piece.start, piece.end, LEFT, WIDTH - EDGE)
-    upper = Linear(*_limits([*values.values()]), TOP + MAIN, TOP)
+    x = Axis(piece.start, piece.end, LEFT, WIDTH - EDGE)
+    upper = Axis(*_limits([*values.values()]), TOP + MAIN, TOP)
     base = TOP + MAIN + GAP
     band = 2 * floor * scale
     lower = _errors([*errors.values()], band, base)
@@ -125,7 +123,7 @@ def _errors(errors: Sequence[np.ndarray], floor: float, base: float) -> Axis:
     most = SPARE * max(largest, BANDS / 2 * floor, TINY)
     if floor > 0 and most > BENT * floor:
         return Signed(max(floor, most / SPREAD), most, base + ERROR, base)
-    return Linear(-most, most, base + ERROR, base)
+    return Axis(-most, most, base + ERROR, base)
 
 
 def _runs(trace: Trace, index: np.ndarray) -> list[np.ndarray]:
@@ -137,7 +135,7 @@ def _runs(trace: Trace, index: np.ndarray) -> list[np.ndarray]:
     return [run for run in runs if len(run) and known[run[0]]]
 
 
-def _restarts(piece: Piece, x: Linear, bottom: float) -> Markup:
+def _restarts(piece: Piece, x: Axis, bottom: float) -> Markup:
     """Mark where the simulation starts again from the measured state."""
     times = piece.trace.time[piece.trace.starts]
     inside = times[(piece.start < times) & (times < piece.end)]
@@ -152,7 +150,7 @@ def _limits(values: Sequence[np.ndarray]) -> tuple[float, float]:
     return low - room, high + room
 
 
-def _frame(x: Linear, y: Axis, labels: bool) -> Markup:
+def _frame(x: Axis, y: Axis, labels: bool) -> Markup:
     """Draw grid lines and numbers; those of time below the lower plot only."""
     out = []
     across = Markup('<path class="grid" d="M{} {:.1f}H{}"/>')

@@ -72,12 +72,7 @@ def _traces(
 
 
 def signals(logs: Sequence[Log], models: Sequence[mujoco.MjModel]) -> tuple[Signal, ...]:
-    """Return the commands of every episode, and its currents and voltages where they are logged.
-
-    Args:
-        logs: the logs.
-        models: the model of each.
-    """
+    """Return the commands of every episode, and its currents and voltages where they are logged."""
     found = []
     for number, (log, model) in enumerate(zip(logs, models, strict=True), 1):
         for rows in episode_rows(log):
@@ -85,18 +80,16 @@ def signals(logs: Sequence[Log], models: Sequence[mujoco.MjModel]) -> tuple[Sign
             for column, values in log.columns.items():
                 kind, _, actuator = column.partition(".")
                 if kind in KINDS:
-                    joint, unit = (
-                        _driven(model, actuator) if kind == "ctrl" else (None, UNITS[kind])
-                    )
-                    rest = (joint, log.time[rows], values[rows])
-                    found.append(Signal(*about, KINDS[kind], actuator, unit, *rest))
+                    own = _driven(model, actuator) if kind == "ctrl" else (UNITS[kind], None)
+                    line = log.time[rows], values[rows]
+                    found.append(Signal(*about, KINDS[kind], actuator, *own, *line))
     return tuple(found)
 
 
-def _driven(model: mujoco.MjModel, actuator: str) -> tuple[str | None, str]:
-    """Return the joint whose position an actuator's command is, and its unit; None for none."""
+def _driven(model: mujoco.MjModel, actuator: str) -> tuple[str, str | None]:
+    """Return the joint whose position an actuator's command is, after its unit; None for none."""
     number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, actuator)
     if number < 0 or not is_joint_servo(model, number):
-        return None, ""
+        return "", None
     joint = model.joint(int(model.actuator_trnid[number, 0]))
-    return joint.name, "m" if joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE else "rad"
+    return "m" if joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE else "rad", joint.name

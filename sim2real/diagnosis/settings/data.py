@@ -16,25 +16,22 @@ class NoiseFloor:
         0.02, "1", "largest deviation of a step from a whole number of encoder counts", JUDGED
     )
     slow_share: float = setting(
-        0.3,
-        "1",
-        "slowest fraction of the rows, from which the noise of a reading is estimated",
-        DEVELOPED,
+        0.3, "1", "slowest fraction of rows, which tells the noise of a reading", DEVELOPED
     )
 
 
 @dataclass(frozen=True)
 class Windows:
-    """How logs are cut into windows, and which of their rows are compared."""
+    """How logs are cut into windows, and which of their rows are compared.
+
+    If every joint has a position servo, a window lasts at least twice as long as its warm-up.
+    """
 
     warm_s: float = setting(
         0.4, "s", "simulated time before the first compared row of a window", DEVELOPED
     )
     longest_s: float = setting(
         3.0, "s", "longest window, unless the commands reverse slowly", DEVELOPED
-    )
-    shortest_s: float = setting(
-        0.8, "s", "shortest window if every joint has a position servo", DEVELOPED
     )
     windows_usual: int = setting(
         12, "1", "intended number of windows; more if they would exceed `longest_s`", DEVELOPED
@@ -43,34 +40,38 @@ class Windows:
         40, "1", "number of windows above which slow motions get windows beyond `longest_s`", COST
     )
     state_s: float = setting(
-        0.25,
-        "s",
-        "length of a window if a joint has no position servo to correct errors",
-        DEVELOPED,
+        0.25, "s", "length of a window if no position servo corrects a joint's errors", DEVELOPED
     )
     unsure_s: float = setting(
-        0.7,
-        "s",
-        "length of such a window if no speed is logged and the base is fixed",
-        DEVELOPED,
+        0.7, "s", "length of such a window if no speed is logged and the base is fixed", DEVELOPED
     )
     slowest_s: float = setting(12.0, "s", "longest window of slow motions", DEVELOPED)
     turn: float = setting(
-        0.1, "1", "smallest reversal that counts, relative to the range of motion", JUDGED
+        0.1,
+        "1",
+        "smallest reversal that counts, relative to the range of motion, or to the swings of a "
+        "joint whose servo hunts",
+        JUDGED,
     )
     kick_s: float = setting(
         0.3,
         "s",
-        "time after a servo is switched on that is not compared (logs lack the exact moment), and "
-        "time after a change of direction that belongs to the reversal",
+        "time after a servo is switched on (logs lack the exact moment), and after its loop has "
+        "hunted, that is not compared; time after a change of direction that belongs to the "
+        "reversal",
         DEVELOPED,
     )
     reach: float = setting(
         0.25,
         "1",
-        "largest shift of a window's start to a moment of little motion, relative to the window",
+        "largest shift of a window's start to a calm moment, relative to the window",
         JUDGED,
     )
+
+    @property
+    def shortest_s(self) -> float:
+        """Shortest window if every joint has a position servo [s]."""
+        return 2 * self.warm_s
 
 
 @dataclass(frozen=True)
@@ -78,20 +79,14 @@ class Simulation:
     """How windows and pieces of logs are simulated."""
 
     error_max: float = setting(
-        10.0,
-        "1",
-        "limit to which larger errors are clipped, relative to the joint's spread",
-        JUDGED,
+        10.0, "1", "limit to which errors are clipped, relative to the joint's spread", JUDGED
     )
     piece_s: float = setting(
         5.0, "s", "length of the pieces of a log that are replayed to test the model", COST
     )
     pieces: int = setting(4, "1", "number of these pieces", COST)
     strengths: tuple[float, ...] = setting(
-        (0.5, 0.2, 0.07),
-        "1",
-        "motor strengths at which loads are simulated, in decreasing order",
-        DEVELOPED,
+        (0.5, 0.2, 0.07), "1", "motor strengths at which loads are simulated, decreasing", DEVELOPED
     )
     heat_passes: int = setting(
         2, "1", "number of times that loads are simulated again with weaker motors", DEVELOPED
@@ -115,9 +110,6 @@ class Regimes:
     )
     rare: float = setting(
         0.98, "1", "quantile used as the maximum; small values are below half of it", JUDGED
-    )
-    poses_max: int = setting(
-        2000, "1", "approximate number of poses at which the gravity load is computed", COST
     )
 
 
@@ -146,17 +138,11 @@ class Numerics:
     """When a gap, or an effect that closes it, is due to the simulator's numerics."""
 
     change: float = setting(
-        0.1,
-        "1",
-        "smallest change of the gap or of the motion that matters, relative to the gap",
-        DEVELOPED,
+        0.1, "1", "smallest change of gap or motion that matters, relative to the gap", DEVELOPED
     )
     change_min: float = setting(
         0.005, "1", "smallest change of the motion that matters, relative to the motion", DEVELOPED
     )
     gain_left: float = setting(
-        0.25,
-        "1",
-        "smallest fraction of an effect's gain that remains with better numerics",
-        DEVELOPED,
+        0.25, "1", "smallest fraction of an effect's gain left with better numerics", DEVELOPED
     )

@@ -14,24 +14,15 @@ class Preflight:
     jitter: float = setting(
         0.25,
         "1",
-        "deviation from the median interval, relative to it, that at most 5 % of the row "
-        "intervals may exceed",
+        "relative deviation from the median row interval that 5 % of the intervals may exceed; one "
+        "longer than two intervals by more than that is a gap",
         JUDGED,
     )
-    gap: float = setting(
-        2.5, "1", "smallest row interval that is a gap, relative to the median interval", JUDGED
-    )
-    slowest_s: float = setting(
-        0.5, "s", "largest plausible median row interval; above it, `time` is not in s", THOUSAND
-    )
-    fastest_s: float = setting(
-        1e-4, "s", "smallest plausible median row interval; below it, `time` is not in s", THOUSAND
+    row_s: tuple[float, float] = setting(
+        (1e-4, 0.5), "s", "range of the median row interval; else `time` is not in s", THOUSAND
     )
     sparse: float = setting(
-        100.0,
-        "1",
-        "longest episode, relative to its number of rows times the median interval",
-        THOUSAND,
+        100.0, "1", "longest episode, relative to its rows times the median interval", THOUSAND
     )
     rate_error: float = setting(
         0.1, "1", "largest relative difference between stated rate and time stamps", JUDGED
@@ -47,19 +38,13 @@ class Preflight:
         1.5, "1", "largest unreported noise, relative to the rounding error of a count", JUDGED
     )
     moved: float = setting(
-        0.02,
-        "rad",
-        "range above which a command, or an unlogged joint, counts as moving",
-        DEVELOPED,
+        0.02, "rad", "range above which a command, or an unlogged joint, is moving", DEVELOPED
     )
     same_command: float = setting(
         2e-3, "rad", "largest difference between commands that count as equal", DEVELOPED
     )
-    still_rad: float = setting(
-        0.05, "rad", "range of motion below which a hinge cannot be diagnosed", JUDGED
-    )
-    still_m: float = setting(
-        0.005, "m", "range of motion below which a slide cannot be diagnosed", JUDGED
+    still: tuple[float, float] = setting(
+        (0.05, 0.005), "rad, m", "motion below which a hinge, or slide, is not diagnosed", JUDGED
     )
     reversals_min: int = setting(
         4, "1", "reversals needed to distinguish friction, play and dead zones", JUDGED
@@ -80,12 +65,6 @@ class Preflight:
     saturated: float = setting(
         0.9, "1", "fraction of the maximum duty or torque above which it is saturated", JUDGED
     )
-    worse: float = setting(
-        1.2,
-        "1",
-        "factor on a channel's error above which the channel contradicts the causes",
-        JUDGED,
-    )
     rows_min: int = setting(
         20, "1", "smallest number of rows from which anything is estimated", JUDGED
     )
@@ -94,13 +73,15 @@ class Preflight:
     )
     reach_s: float = setting(0.25, "s", "largest delay that is tried", JUDGED)
     ratio: tuple[float, float] = setting(
-        (0.85, 1.18), "1", "two gains, or two speeds, agree if their ratio is in this range", JUDGED
+        (0.85, 1.18), "1", "two gains, speeds or errors agree if their ratio is within", JUDGED
     )
     share: float = setting(
         0.8,
         "1",
         "smallest fraction of the variance that a fitted relation must explain; smallest "
-        "correlation of measured and simulated speed from which a lag is inferred",
+        "correlation of measured and simulated speed from which a lag is inferred; similarity "
+        "(1 − standard deviation of position minus command, relative to that of the position) "
+        "above which commands may be positions, and below which they may be torques",
         JUDGED,
     )
     clock: float = setting(
@@ -113,7 +94,8 @@ class Preflight:
     offset_s: float = setting(
         2e-3,
         "s",
-        "smallest reported delay of a measured speed, or drift of a clock within an episode",
+        "smallest reported delay of a measured speed, or drift of a clock within an episode; a "
+        "jump of the lag is reported from `sigmas` times as much between its ranges",
         "measured: below it logs of the emulator's own speed registers scatter",
     )
     computed: float = setting(
@@ -126,14 +108,6 @@ class Preflight:
     law_residual: float = setting(
         0.03, "1", "largest fraction of the duty's variance that is left unexplained", DEVELOPED
     )
-    follows: float = setting(
-        0.8,
-        "1",
-        "similarity (1 − standard deviation of position minus command, relative to that of "
-        "the position) above which commands are positions",
-        JUDGED,
-    )
-    stranger: float = setting(0.6, "1", "similarity below which commands may be torques", JUDGED)
     lost: float = setting(
         0.5, "1", "RMS error above which a replay fails, relative to the joints' spread", JUDGED
     )
@@ -149,12 +123,6 @@ class Preflight:
     )
     lag_windows: int = setting(
         3, "1", "smallest number of windows before, and after, a jump of the lag", JUDGED
-    )
-    lag_jump_s: float = setting(
-        0.008,
-        "s",
-        "smallest reported jump: distance between the ranges of the lag before and after",
-        DEVELOPED,
     )
     lag_episode_s: float = setting(
         60.0, "s", "time from the start of each episode in which the lag is estimated", COST
@@ -174,10 +142,7 @@ class Obstruction:
     )
     still: float = setting(0.003, "rad", "largest range of positions of a joint at rest", DEVELOPED)
     current: float = setting(
-        3.0,
-        "1",
-        "smallest current of an obstructed joint, relative to its usual current",
-        DEVELOPED,
+        3.0, "1", "smallest current of an obstructed joint, relative to its usual one", DEVELOPED
     )
     error: float = setting(
         1.6, "1", "smallest error of an obstructed joint, relative to its usual error", DEVELOPED
@@ -203,28 +168,8 @@ class Hunting:
         DEVELOPED,
     )
     even: float = setting(
-        0.5,
-        "1",
-        "size and duration of the smallest of these swings, relative to the largest",
-        DEVELOPED,
-    )
-    asked: float = setting(
-        0.1,
-        "1",
-        "smallest reversal of a command that counts, relative to the joint's swings; for other "
-        "joints' commands and fast oscillations, relative to the range of motion",
-        DEVELOPED,
+        0.5, "1", "smallest of these swings in size and time, relative to the largest", DEVELOPED
     )
     faster_s: tuple[float, ...] = setting(
-        (0.2, 0.08),
-        "s",
-        "widths of moving averages that are subtracted to find fast oscillations",
-        DEVELOPED,
-    )
-    calm_s: float = setting(
-        0.3,
-        "s",
-        "time after the last swing that is excluded; also the shortest pause between two "
-        "separate oscillations",
-        JUDGED,
+        (0.2, 0.08), "s", "widths of moving averages subtracted for fast oscillations", DEVELOPED
     )

@@ -49,7 +49,7 @@ def gap_of(error: dict[str, np.ndarray] | None = None, effects: tuple = (), path
         real[:, i] -= (error or {}).get(joint, 0.0)
     measured = {"qpos.shoulder": real[:, 0], "qpos.elbow": real[:, 1]}
     log = Log({**columns, **measured}, {}, Path(path))
-    return Gap(log, ("shoulder", "elbow"), log.time, real, simulated), spec
+    return Gap(log, ("shoulder", "elbow"), real, simulated), spec
 
 
 def located(gap: Gap, spec: mujoco.MjSpec, after: tuple = ()) -> tuple[JointGap, ...]:

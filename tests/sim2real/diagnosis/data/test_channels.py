@@ -77,7 +77,7 @@ def test_positions_alone_have_no_witness(tmp_path: Path) -> None:
 def test_a_channel_that_gets_worse_contradicts() -> None:
     """By more than its noise."""
     worse = ChannelGap("qvel.b", "rad/s", 0.01, 0.1, 0.2)
-    ((check, where, text, _),) = contradicting([worse])
-    assert (check, where) == ("witness", "b")
-    assert "0.2 rad/s with them, 0.1 without" in text
+    (found,) = contradicting([worse])
+    assert (found.check, found.where) == ("witness", "b")
+    assert "0.2 rad/s with them, 0.1 without" in found.finding
     assert list(contradicting([ChannelGap("qvel.b", "rad/s", 0.1, 0.1, 0.2)])) == []

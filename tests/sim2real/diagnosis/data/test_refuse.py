@@ -5,9 +5,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from envs.effects import make
+from envs.models import load_spec
+from envs.plant import Plant
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.refuse import refuse_kinds
+from sim2real.exam.thirdparty.robots import ASSETS
 from sim2real.runs.errors import Sim2RealError
+from tests.sim2real.diagnosis import arm, motors
+
+PENDULUM = ASSETS / "pendulum.xml"
 
 WALKER = """
 <mujoco><option timestep="0.002"/>
@@ -39,3 +47,49 @@ def test_a_free_base_without_its_pose_is_refused(tmp_path: Path) -> None:
     pose = {f"qpos__root__{k}": 0.5 for k in range(7)}
     assert cut(tmp_path, '<freejoint name="root"/>', **pose).windows
     assert cut(tmp_path, "").windows
+
+
+def test_commands_of_another_kind_are_refused() -> None:
+    """Torques for servos, with how much closer they come as such; positions for motors."""
+    with pytest.raises(Sim2RealError, match=r"servos at a, b.*act like torques.*closer"):
+        refuse_kinds(motors.make_log(0.05, 6.0), arm.spec())
+    with pytest.raises(Sim2RealError, match="follow the commands of a, b like desired positions"):
+        refuse_kinds(arm.make_log(seconds=6.0), motors.spec())
+
+
+def test_what_fits_passes() -> None:
+    """Also where something else is wrong: a flipped sign, degrees, a joint that hardly follows."""
+    log = arm.make_log(seconds=6.0)
+    refuse_kinds(log, arm.spec())
+    refuse_kinds(motors.make_log(0.05, 6.0), motors.spec())
+    columns = dict(log.columns)
+    for change in (-1.0, 180 / np.pi):
+        wrong = {"ctrl.a": change * columns["ctrl.a"], "ctrl.b": change * columns["ctrl.b"]}
+        refuse_kinds(Log({**columns, **wrong}), arm.spec())
+    refuse_kinds(arm.make_log(("position_gain", {"where": "a"}, 0.1), seconds=6.0), arm.spec())
+
+
+@pytest.mark.parametrize("limit", [0.5, 1.0, 2.0])
+def test_a_servo_that_is_held_back_passes(limit: float) -> None:
+    """A heavy joint much slower than it is told looks as if hardly anything moved it."""
+    spec = load_spec(PENDULUM)
+    plant = Plant(spec, fixed=[(make("profile_velocity", where="pivot"), (limit,))], threads=1)
+    rng, row, rest = np.random.default_rng(0), np.zeros(1, int), np.zeros((1, 1))
+    goals = rng.uniform(-1.0, 1.0, 40).repeat(50)
+    plant.reset(row, rest, rest, np.zeros(1, np.uint64), rest)
+    angle, steps = np.zeros(len(goals)), round(0.01 / plant.model.opt.timestep)
+    for i, goal in enumerate(goals):
+        angle[i] = plant.qpos[0, 0]
+        plant.step(None, np.array([[goal]]), steps)
+    time = 0.01 * np.arange(len(goals))
+    columns = {"episode": 0 * time, "time": time, "ctrl.pivot": goals, "qpos.pivot": angle}
+    refuse_kinds(Log(columns), spec)
+
+
+def test_episodes_of_a_few_rows_pass() -> None:
+    """Robots that fall at once: what is left after a delay of many rows is no evidence."""
+    log = motors.make_log(0.05, 6.0)
+    rows = np.arange(120)
+    short = {name: column[:120] for name, column in log.columns.items()}
+    short["episode"], short["time"] = rows // 6, log.column("time")[rows % 6]
+    refuse_kinds(Log(short), motors.spec())

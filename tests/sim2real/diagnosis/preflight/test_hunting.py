@@ -8,9 +8,9 @@ import pytest
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.noise_floor import noise_floor
+from sim2real.diagnosis.data.recording import HUNTING, is_flagged
 from sim2real.diagnosis.data.replay import measure_all
 from sim2real.diagnosis.data.trial import choose
-from sim2real.diagnosis.data.windows import HUNTING, hunting_rows
 from sim2real.diagnosis.diagnose import diagnose
 from sim2real.diagnosis.preflight.hunting import hunting, mark_hunting, tell_simulated
 from tests.sim2real.diagnosis import arm
@@ -118,7 +118,7 @@ def test_pieces_that_are_replayed_on_trial_do_not_hunt(stiff: None) -> None:
     log = arm.make_log(SOFT, seconds=24.0, noise=1e-4)
     (marked,), _ = mark_hunting([log], DRIVEN)
     calm = choose([marked], 2.0, 4)
-    assert calm and not any(hunting_rows(one.log).any() for one in calm)
+    assert calm and not any(is_flagged(one.log, HUNTING).any() for one in calm)
     assert len(choose([marked], 24.0, 4)) == 1  # where there is no other piece
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 
 from hardware.log import Log
-from sim2real.diagnosis.data.windows import BLOCKED, _usable
+from sim2real.diagnosis.data.recording import BLOCKED
+from sim2real.diagnosis.data.windows import _usable
 from sim2real.diagnosis.preflight.obstruction import mark_blocked, positioned
 from tests.sim2real.diagnosis import arm, motors
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from hardware.log import Log
-from sim2real.diagnosis.preflight.unlogged import check_unlogged
+from sim2real.diagnosis.preflight.checks import check_unlogged
 from tests.sim2real.diagnosis import arm
 
 CART = """

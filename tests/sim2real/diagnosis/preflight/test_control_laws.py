@@ -6,7 +6,7 @@ import pytest
 from hardware.log import Log
 from sim2real.diagnosis.data.impedance import with_laws
 from sim2real.diagnosis.preflight.checks import NOTES, preflight
-from sim2real.diagnosis.preflight.torques import check_torques
+from sim2real.diagnosis.preflight.control_laws import check_torques
 from tests.sim2real.diagnosis import arm, motors
 from tests.sim2real.diagnosis.data import test_impedance as impedance
 
