@@ -32,7 +32,6 @@ from sim2real.diagnosis.contract.check import check_contract
 from sim2real.diagnosis.contract.description import Description, History, read_description
 from sim2real.runs.tables import Table
 
-RESULTS = Path(__file__).parent / "results"
 ROBOTS = ("quad8", "hopper2", "arm6", "quad12")
 TASKS: dict[str, Callable[..., ServoTask]] = {"quad8": Quad8, "hopper2": Hopper2, "quad12": Quad12}
 ARM, SERVO = Path(__file__).parents[1] / "conf/robot/arm6.yaml", "xl430-w250"
@@ -42,12 +41,11 @@ TWO = 0.4  # share of faulty cases with two faults
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, make and check the cases, and keep the table."""
-    parser = command("contract", __doc__)
+    parser = command("contract", __doc__, "results")
     parser.add_argument("--cases", type=int, default=45, help="faulty, and as many sound ones")
     parser.add_argument("--seed", type=int, default=7, help="of their draw (default: %(default)s)")
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=ROBOTS, help="in turns")
     parser.add_argument("--policies", action="store_true", help="those of other libraries")
-    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the table")
     chosen = parser.parse_args(arguments)
     if chosen.cases < 1:
         parser.error("--cases must be at least 1")

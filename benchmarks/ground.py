@@ -17,7 +17,6 @@ import logging
 import os
 import time
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,7 +30,6 @@ from sim2real.diagnosis.closed_loop.check import Drawn
 from sim2real.diagnosis.diagnose import diagnose, run_diagnosis
 from sim2real.diagnosis.schema import Cause, ClosedLoop, Estimate, Report
 
-RESULTS = Path(__file__).parent / "results"
 DEVELOPED = 11  # seed of the walks that it was developed on
 FIELDS: tuple[str, ...] = (
     "case",
@@ -191,14 +189,13 @@ def _matches(cause: Cause, hidden: Entry) -> tuple[bool, bool]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, run the cases that are missing, and tell the score."""
-    parser = command("ground", __doc__)
+    parser = command("ground", __doc__, "results")
     parser.add_argument("--cases", type=int, default=12, help="cases in all (default: 12)")
     parser.add_argument("--robot", choices=tuple(WALKERS), default="quad8", help="that walks")
     parser.add_argument(
         "--engine", choices=(EMULATOR, "drake"), default=EMULATOR, help="what moves the robot"
     )
     parser.add_argument("--seed", type=int, default=5, help="of their draw (default: %(default)s)")
-    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the table")
     parser.add_argument("--development", action="store_true", help="walks that are known")
     chosen = parser.parse_args(arguments)
     if chosen.development:

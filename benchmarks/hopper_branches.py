@@ -32,7 +32,6 @@ from sim2real.runs.files import write_text
 from sim2real.runs.statistics import Interval
 from sim2real.runs.tables import Table
 
-RESULTS = Path(__file__).parent / "results"
 NAME = "hopper_branches"
 TRUNK, BRANCH = 20_000_000, 20_000_000  # environment steps
 MARGIN = 0.1  # of the randomized branch's return, within which two branches count as alike
@@ -251,7 +250,7 @@ def repeat_line(plan: Plan) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and run; return the exit status."""
-    parser = command(NAME, __doc__)
+    parser = command(NAME, __doc__, "out", "results")
     add, branches, tests = parser.add_argument, list(BRANCHES), list(TESTS)
     add("--branches", nargs="+", default=branches, choices=branches, help=", ".join(branches))
     add("--tests", nargs="+", default=tests, choices=tests, help=", ".join(tests))
@@ -260,8 +259,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add("--branch", type=int, default=BRANCH, help="environment steps of a branch")
     add("--cells", type=int, nargs=2, default=[12, 15], help="masses and frictions of the grid")
     add("--report", action="store_true", help="run nothing, write the tables of what there is")
-    add("--out", type=Path, default=Path("outputs/bench_long") / NAME, help="folder of the runs")
-    add("--results", type=Path, default=RESULTS, help="folder of the tables")
     add("--set", nargs="*", default=[], metavar="KEY=VALUE", help="settings of every training")
     chosen = parser.parse_args(arguments)
     if min(chosen.seeds) < 0 or min(chosen.trunk, chosen.branch, *chosen.cells) < 1:

@@ -11,8 +11,6 @@ by 15 frictions, and writes hopper_grid.csv, .md and .png, after every run anew.
 Each run has a folder of its own: what is complete is skipped, what was interrupted is resumed.
 """
 
-import csv
-import io
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -37,7 +35,6 @@ from sim2real.runs.statistics import (
 )
 from sim2real.runs.tables import Cell, Table
 
-RESULTS = Path(__file__).parent / "results"
 NAME = "hopper_grid"
 THRESHOLD, DRAWS = 2000.0, 5000
 BOX: Box = {"link_mass.torso": (1.0, 9.0), "ground_friction": (1.5, 2.5)}
@@ -179,7 +176,7 @@ def collect(plan: Plan) -> None:
     scores = gather(plan)
     if not scores:
         return
-    write_text(plan.results / f"{NAME}.csv", cells_csv(scores))
+    write_text(plan.results / f"{NAME}.csv", cells(scores).csv())
     write_text(plan.results / f"{NAME}.md", page(plan, scores))
     picture(scores, plan.results / f"{NAME}.png")
 
@@ -189,19 +186,16 @@ def final(scores: GridScores) -> np.ndarray:
     return scores.after.mean(axis=2)
 
 
-def cells_csv(scores: Mapping[str, GridScores]) -> str:
+def cells(scores: Mapping[str, GridScores]) -> Table:
     """Return one row for each method, run and cell."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
     names = next(iter(scores.values())).grid.names
-    writer.writerow(["method", "run", "training_steps", *names, "before", "after"])
+    table = Table(("method", "run", "training_steps", *names, "before", "after"))
     for method, found in scores.items():
-        before, after = found.before.mean(axis=2), final(found)
-        for r, (run, steps) in enumerate(zip(found.runs, found.frames, strict=True)):
-            for c, cell in enumerate(found.grid.cells().tolist()):
-                numbers = [f"{x:.6g}" for x in (before[r, c], after[r, c])]
-                writer.writerow([method, run, steps, *cell, *numbers])
-    return out.getvalue()
+        means = np.stack([found.before.mean(axis=2), final(found)], axis=-1)  # (R, C, 2)
+        for run, steps, own in zip(found.runs, found.frames, means, strict=True):
+            for cell, two in zip(found.grid.cells().tolist(), own.tolist(), strict=True):
+                table.add(method, run, steps, *cell, *(f"{number:.6g}" for number in two))
+    return table
 
 
 TITLES = {  # of the maps, in their order
@@ -317,12 +311,10 @@ def _compare(one: GridScores, other: GridScores, rng: np.random.Generator) -> Se
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Read the command line and run."""
-    parser = command(NAME, __doc__)
+    parser = command(NAME, __doc__, "out", "results")
     add = parser.add_argument
     add("--frames", type=int, default=20_000_000, help="environment steps of each training run")
     add("--seeds", type=int, nargs="+", default=[0, 1, 2], help="training seeds")
-    add("--out", type=Path, default=Path("outputs/bench_long") / NAME, help="folder of the runs")
-    add("--results", type=Path, default=RESULTS, help="folder of the tables and the picture")
     add("--set", nargs="*", default=[], metavar="KEY=VALUE", help="further settings of every run")
     chosen = parser.parse_args(arguments)
     if chosen.frames < 1 or min(chosen.seeds) < 0:

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import study
+from benchmarks.cases import over_runs
 from benchmarks.study import command
 from sim2real.config.compose import compose, instantiate
 from sim2real.deployment import deploy
@@ -34,11 +35,9 @@ from sim2real.loops.improve.steps import learn
 from sim2real.loops.improve.story import RESULT
 from sim2real.runs.checkpoint import FOLDER, find, read_metadata
 from sim2real.runs.files import folder_lock, write_text
-from sim2real.runs.statistics import Interval, bootstrap, iqm
+from sim2real.runs.statistics import Interval, iqm
 from sim2real.runs.tables import Table
 
-RESULTS = Path(__file__).parent / "results"
-OUT = Path("outputs/bench_long/improve")
 SHIFTS = Path(__file__).parents[1] / "conf" / "shift"
 WORLDS = {
     "hopper2": ("hopper2_mass", "hopper2_soft", "hopper2_slow"),
@@ -48,7 +47,6 @@ ITERATIONS = {"hopper2": 30, "quad8": 20}  # that each round adds
 STOPS = "stops={odd_voltage: 1.0, stray: 2.0}"  # a hidden effect must not stop the robot
 SHORT = ("rounds=3", "trials=10", "rollouts=16", STOPS)
 ASKED = 0.7  # of the gap, that is to be closed
-DRAWS = 10_000  # resamples of an interval
 
 
 @dataclass(frozen=True)
@@ -86,13 +84,11 @@ class Case:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, run what is left and keep the table; return the exit status."""
-    parser = command("improve", __doc__)
+    parser = command("improve", __doc__, "out", "results")
     add = parser.add_argument
     add("--robots", nargs="+", choices=list(WORLDS), default=list(WORLDS), help="default: both")
     add("--seeds", type=int, nargs="+", default=[0, 1], help="default: 0 and 1")
     add("--most", type=int, help="loops to run now; 0 writes the table only")
-    add("--out", type=Path, default=OUT, help="folder of the loops")
-    add("--results", type=Path, default=RESULTS, help="folder of the table")
     chosen = parser.parse_args(arguments)
     if min(chosen.seeds) < 0 or (chosen.most or 0) < 0:
         parser.error("--seeds and --most must not be negative")
@@ -223,9 +219,8 @@ def table(done: Sequence[dict[str, Any]], complete: bool) -> Table:
         "- as given); best possible: trained on with what is hidden, for as many iterations."
     )
     if len(shares) > 1:
-        rng = np.random.default_rng(0)
-        values = np.array(shares)[:, None]
-        whole: Interval = bootstrap(values, iqm, rng, draws=DRAWS, resample="rows")
+        whole = over_runs(shares, iqm)
+        assert isinstance(whole, Interval)
         answer = "reached" if whole.value >= ASKED else "missed"
         answer = answer if complete else "open until all loops are done"
         made.notes.append(

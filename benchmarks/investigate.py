@@ -43,8 +43,6 @@ from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import folder_lock, write_text
 from sim2real.runs.tables import Table
 
-RESULTS = Path(__file__).parent / "results"
-OUT = Path("outputs/bench_long/investigate")
 ROBOTS = ("bench1", "arm2")
 FIRST = Item("slow ramps", ("ramp",), 6.0, 0.3)
 BUDGET = 62.0  # s: the first log and as long as the menu's seven motions without a hand
@@ -54,12 +52,10 @@ TRIES = 12  # draws for each robot whose first log is to leave something open
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, investigate what is left of the robots and keep the table."""
-    parser = command("investigate", __doc__)
+    parser = command("investigate", __doc__, "out", "results")
     parser.add_argument("--robots", type=int, default=20, help="in all (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=11, help="of their draw (default: %(default)s)")
     parser.add_argument("--most", type=int, help="robots to do now; 0 writes the table only")
-    parser.add_argument("--out", type=Path, default=OUT, help="folder of the robots' results")
-    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of what is kept")
     chosen = parser.parse_args(arguments)
     if chosen.robots < 1 or (chosen.most or 0) < 0:
         parser.error("--robots must be at least 1, and --most not negative")

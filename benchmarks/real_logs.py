@@ -14,8 +14,6 @@ from typing import Any
 
 from benchmarks.study import command
 
-RESULTS = Path(__file__).parent / "results"
-
 
 def arguments(
     name: str, doc: str | None, folder: str, words: Sequence[str] | None
@@ -31,13 +29,10 @@ def arguments(
     Returns:
         The choices, or None where the logs are missing, which is said.
     """
-    parser = command(name, doc)
+    parser = command(name, doc, "out", "results")
     add, data = parser.add_argument, os.environ.get("SIM2REAL_DATA")
-    out = Path("outputs/bench_long") / name
     add("--data", type=Path, default=data and Path(data), help="default: SIM2REAL_DATA")
     add("--report", action="store_true", help="diagnose nothing, write the tables")
-    add("--out", type=Path, default=out, help="folder of what is diagnosed")
-    add("--results", type=Path, default=RESULTS, help="folder of the tables")
     chosen = parser.parse_args(words)
     if chosen.data is None or not (chosen.data / folder).is_dir():
         print(

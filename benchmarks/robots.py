@@ -12,7 +12,6 @@ Each run has a folder of its own: what is complete is skipped, what was interrup
 Several of these programs may run at once and share the work.
 """
 
-import csv
 import json
 import resource
 import shutil
@@ -22,6 +21,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.cases import read_csv
 from benchmarks.robots_report import Figures, write
 from benchmarks.study import command, folder_lock, sim2real, trained
 from hardware.errors import HardwareError
@@ -31,7 +31,6 @@ from sim2real.runs.checkpoint import find, read_metadata
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
 
-RESULTS = Path(__file__).parent / "results"
 ROBOTS = ("quad8", "hopper2")
 TRIALS = 5  # episodes on the bus before, and after adapting
 MORE = 20  # iterations of ES-MAML after those of plain evolution strategies
@@ -206,9 +205,8 @@ def phases(folder: Path) -> dict[str, list[float]] | None:
     if not (folder / "table.csv").is_file():
         return None
     found: dict[str, list[float]] = {}
-    with (folder / "returns.csv").open(encoding="utf-8", newline="") as file:
-        for row in csv.DictReader(file):
-            found.setdefault(row["phase"], []).append(float(row["return"]))
+    for row in read_csv(folder / "returns.csv"):
+        found.setdefault(row["phase"], []).append(float(row["return"]))
     return found
 
 
@@ -254,13 +252,11 @@ def collect(plan: Plan) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and run; return the exit status."""
-    parser = command("robots", __doc__)
+    parser = command("robots", __doc__, "out", "results")
     add = parser.add_argument
     add("--robots", nargs="+", default=list(ROBOTS), choices=ROBOTS, help="default: both")
     add("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4], help="training seeds")
     add("--report", action="store_true", help="run nothing, write the tables")
-    add("--out", type=Path, default=Path("outputs/bench_long/robots"), help="folder of the runs")
-    add("--results", type=Path, default=RESULTS, help="folder of the tables and the picture")
     add("--set", nargs="*", default=[], metavar="KEY=VALUE", help="settings of every training")
     chosen = parser.parse_args(arguments)
     if min(chosen.seeds) < 0:

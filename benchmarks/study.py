@@ -20,6 +20,7 @@ from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import folder_lock
 
 RESULTS = Path(__file__).parent / "results"
+RUNS = Path("outputs/bench_long")  # folders of runs are below it
 SIGNALLED = 128  # exit statuses above are those of a job that was told to stop
 
 
@@ -159,13 +160,25 @@ def sim2real(*arguments: str) -> bool:
     return status == 0
 
 
-def command(name: str, text: str | None) -> argparse.ArgumentParser:
-    """Return the parser of a benchmark's command line; `text` is what `--help` says."""
-    return argparse.ArgumentParser(
+def command(name: str, text: str | None, *folders: str) -> argparse.ArgumentParser:
+    """Return the parser of a benchmark's command line.
+
+    Args:
+        name: of its module.
+        text: what `--help` says.
+        folders: options that it has: "out", the folder of its runs, and "results", that of what is
+            kept.
+    """
+    parser = argparse.ArgumentParser(
         prog=f"python -m benchmarks.{name}",
         description=text,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    if "out" in folders:
+        parser.add_argument("--out", type=Path, default=RUNS / name, help="folder of the runs")
+    if "results" in folders:
+        parser.add_argument("--results", type=Path, default=RESULTS, help="folder of what is kept")
+    return parser
 
 
 @dataclass(frozen=True)
@@ -184,7 +197,8 @@ class Study:
 
     def main(self, arguments: Sequence[str] | None = None) -> int:
         """Read the command line and run; return the exit status."""
-        parser = command(self.name, self.text)
+        parser = command(self.name, self.text, "out", "results")
+        parser.set_defaults(results=RESULTS / self.name)
         add, rows = parser.add_argument, ", ".join(self.rows)
         usual = [name for name in self.rows if name not in self.slow]
         less = f" but {' and '.join(self.slow)}, which take hours each" if self.slow else ""
@@ -193,9 +207,6 @@ class Study:
         add("--seeds", type=int, nargs="+", help="training seeds; default: each row's own")
         add("--frames", type=int, help="environment steps of every run; default: each row's own")
         add("--report", action="store_true", help="train nothing, write the report")
-        out, results = Path("outputs/bench_long") / self.name, RESULTS / self.name
-        add("--out", type=Path, default=out, help="folder of the runs")
-        add("--results", type=Path, default=results, help="folder of the tables and pictures")
         add("--set", nargs="*", default=[], metavar="KEY=VALUE", help="settings of every run")
         chosen = parser.parse_args(arguments)
         unknown = [name for name in chosen.rows if name not in self.rows]

@@ -8,8 +8,6 @@ other. Each row goes into results/wide.csv with command, versions, processor and
 were measured before stay, those measured again are replaced.
 """
 
-import csv
-import io
 import platform
 import sys
 import time
@@ -25,7 +23,9 @@ import numpy as np
 import psutil
 import torch
 
+from benchmarks.cases import read_csv, write_csv
 from benchmarks.rows.population import Evaluation
+from benchmarks.study import RESULTS
 from benchmarks.world import Gait, make_tasks
 from envs.mujoco import MujocoEnv
 from envs.tasks import Hopper
@@ -36,9 +36,7 @@ from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.population.population import Population
 from sim2real.runs.files import write_text
 
-RESULTS = Path(__file__).parent / "results" / "wide.csv"
-SHARDS, RETURNS = RESULTS.with_name("shards.csv"), RESULTS.with_name("ppo_wide.csv")
-COLUMNS = ("row", "value", "reference", "ratio", "unit", "cores", "card", "versions", "command")
+WIDE, SHARDS, RETURNS = (RESULTS / f"{name}.csv" for name in ("wide", "shards", "ppo_wide"))
 SPLITS = (1, 2, 4, 8, 16)  # shards, with the cores' threads between them
 HIDDEN = 64  # of both layers of the acting policy
 JOBS: tuple[tuple[Gait, int, int], ...] = (  # policy, members, rows
@@ -250,16 +248,8 @@ def record(found: Row, part: str) -> None:
         "versions": f"mujoco={mujoco.__version__} {versions}",
         "command": f"python -m benchmarks.wide {part}",
     }
-    rows: dict[tuple[str, str], dict[str, str]] = {}
-    if RESULTS.is_file():
-        with RESULTS.open(encoding="utf-8", newline="") as file:
-            rows = {(row["row"], row["card"]): row for row in csv.DictReader(file)}
-    rows[name, card] = line
-    text = io.StringIO()
-    writer: Any = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows.values())
-    write_text(RESULTS, text.getvalue())
+    rows = {(row["row"], row["card"]): row for row in read_csv(WIDE)} | {(name, card): line}
+    write_csv(WIDE, rows.values())
     print(f"{name}: {value:.5g} / {reference:.5g} = {value / reference:.3g}", flush=True)
 
 

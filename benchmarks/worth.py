@@ -21,8 +21,8 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from benchmarks.cases import Cases, share
-from benchmarks.improve import OUT, Case, trained
-from benchmarks.study import command
+from benchmarks.improve import Case, trained
+from benchmarks.study import RUNS, command
 from envs.effects import make
 from hardware.backends import ServoBackend
 from hardware.config import Robot, load_robot
@@ -38,7 +38,6 @@ from sim2real.runs.files import write_text
 from sim2real.runs.statistics import Interval, bootstrap, mean
 from sim2real.runs.tables import Table
 
-RESULTS = Path(__file__).parent / "results"
 ROBOTS = ("quad8", "hopper2")
 POLICIES = 2  # trained with as many seeds
 EPISODES = {"quad8": 12, "hopper2": 32}  # on each robot: the hopper falls now and then
@@ -197,12 +196,12 @@ def keep(own: Sequence[Mapping[str, Any]], seed: int, results: Path) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, run the robots that are missing, and tell the score."""
-    parser = command("worth", __doc__)
+    parser = command("worth", __doc__, "results")
     add = parser.add_argument
     add("--robots", type=int, default=40, help="robots in all (default: 40)")
     add("--seed", type=int, default=3, help="of their draw (default: %(default)s)")
-    add("--policies", type=Path, default=OUT, help="folder of benchmarks.improve's policies")
-    add("--results", type=Path, default=RESULTS, help="folder of the table")
+    policies = RUNS / "improve"
+    add("--policies", type=Path, default=policies, help="folder of benchmarks.improve's policies")
     chosen = parser.parse_args(arguments)
     if chosen.robots < 1 or chosen.seed < 0:
         parser.error("--robots must be at least 1, and --seed must not be negative")

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import real_logs
+from benchmarks.cases import over_runs
 from envs.effects import load_effects
 from hardware.log import Log, read_logs
 from sim2real.diagnosis.data.recording import load_model
@@ -30,13 +31,12 @@ from sim2real.diagnosis.data.replay import measure
 from sim2real.diagnosis.diagnose import run_diagnosis
 from sim2real.diagnosis.outcome import write
 from sim2real.runs.files import write_text
-from sim2real.runs.statistics import Interval, bootstrap, mean
+from sim2real.runs.statistics import Interval
 from sim2real.runs.tables import Table
 
 GAINS = (100, 200, 800)  # the servo's P gain register
 FOLDER, COUNTS, FULL = "xl330_bench", 4096, 885  # counts a turn; PWM that is all of the supply
 MANUAL = 128  # PWM is P x error / this, says the manual
-DRAWS = 10_000  # resamples of an interval
 
 
 def gain_of(log: Log) -> int:
@@ -78,12 +78,6 @@ def share_of_gain(log: Log) -> float:
     return float(MANUAL * asked @ pwm[free] / (asked @ asked))
 
 
-def mean_of(values: Sequence[float]) -> Interval:
-    """Return a mean over logs with its 95 % interval."""
-    rows, rng = np.array(values)[:, None], np.random.default_rng(0)
-    return bootstrap(rows, mean, rng, draws=DRAWS, resample="rows")
-
-
 def report(logs: Sequence[Log], out: Path, results: Path) -> Table:
     """Write xl330.md and xl330.csv and return the table of gains that were left out."""
     nominal = {name_of(log): error(log) for log in logs}
@@ -93,7 +87,7 @@ def report(logs: Sequence[Log], out: Path, results: Path) -> Table:
         held = [log for log in logs if gain_of(log) == gain]
         before = [1e3 * nominal[name_of(log)] for log in held]
         after = [1e3 * error(log, out / f"without_{gain}" / "effects.yaml") for log in held]
-        table.add(f"P gain {gain}", mean_of(before), mean_of(after), len(held))
+        table.add(f"P gain {gain}", over_runs(before), over_runs(after), len(held))
         for log, first, last in zip(held, before, after, strict=True):
             every = 1e3 * error(log, out / "all" / "effects.yaml")
             files.add(name_of(log), first, last, every)

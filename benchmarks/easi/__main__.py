@@ -20,19 +20,16 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 from benchmarks.easi import quad8, quad8_report, steps
 from benchmarks.easi.plan import ROWS, STUDIES, Plan, targets
 from benchmarks.easi.report import report
 from benchmarks.study import command
 
-RESULTS = Path(__file__).parents[1] / "results"
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and run; return the exit status."""
-    parser = command("easi", __doc__)
+    parser = command("easi", __doc__, "out", "results")
     add = parser.add_argument
     add("--task", default="cartpole", choices=STUDIES, help="default: cartpole")
     add("--target", help="another target of the task: NAME of conf/shift/TASK_NAME.yaml")
@@ -40,8 +37,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4], help="training seeds")
     add("--frames", type=int, help="environment steps of every training; default: the task's")
     add("--report", action="store_true", help="run nothing, write the tables")
-    add("--out", type=Path, default=Path("outputs/bench_long/easi"), help="folder of the runs")
-    add("--results", type=Path, default=RESULTS, help="folder of the tables and pictures")
     add("--set", nargs="*", default=[], metavar="KEY=VALUE", help="settings of every training")
     add("--identify", nargs="*", default=[], metavar="KEY=VALUE", help="and of every EASI run")
     chosen = parser.parse_args(arguments)

@@ -1,8 +1,9 @@
 """What EASI on quad8 came to: lines of easi.csv, and a page."""
 
+from benchmarks.cases import over_runs
 from benchmarks.easi.plan import ROUNDS, Plan, Row, truth
 from benchmarks.easi.quad8 import ROWS, TRIALS, returned
-from benchmarks.easi.report import COLUMNS, compared, figures_of, interval, merged, settings
+from benchmarks.easi.report import COLUMNS, compared, figures_of, merged, settings
 from benchmarks.easi.steps import prior
 from benchmarks.robots import cpu_minutes
 from envs.distribution import Distribution
@@ -83,7 +84,7 @@ def earned(plan: Plan, own: list[dict[str, str]], best: Row) -> str:
         table.add(
             f"{row.name}: {WORDS.get(row.name, row.words)}",
             words,
-            interval(values) if values else None,
+            over_runs(values),
             len(values),
         )
     table.notes.append(

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from benchmarks.cases import read_csv
+from benchmarks.cases import over_runs, read_csv, write_csv
 from benchmarks.easi.plan import ENDED, ROUNDS, ROWS, Plan, truth
 from benchmarks.easi.steps import prior
 from benchmarks.robots import cpu_minutes
@@ -15,11 +15,11 @@ from sim2real.evaluation.transfer import read
 from sim2real.identification.outcome import FILE
 from sim2real.runs.figures import COLOURS, FAINT, INK, figure
 from sim2real.runs.files import write_text
-from sim2real.runs.statistics import FEW, Interval, bootstrap, mean
+from sim2real.runs.statistics import FEW, Interval
 from sim2real.runs.tables import Table
 
 COLUMNS = ("task", "row", "seed", "value", "steps", "cpu_minutes", "settings")
-DRAWS, ORACLE, COLLAPSE = 5000, 0.95, 5.0  # resamples; share of the oracle's; ratio of deviations
+ORACLE, COLLAPSE = 0.95, 5.0  # share of the oracle's; ratio of deviations
 TOLD = (  # keys that the study gives its runs
     *("experiment", "seed", "video", "keep_checkpoints", "hydra.run.dir", "resume", "frames"),
     *("params", "params.path", "effects", "start", "run", "log", "model", "checkpoint", "identify"),
@@ -47,10 +47,7 @@ def merged(plan: Plan, found: list[dict[str, str]]) -> list[dict[str, str]]:
     every = [*read_csv(path), *found]
     kept = {(one["task"], one["row"], int(one["seed"])): one for one in every}
     if kept:
-        table = Table(COLUMNS)
-        for key in sorted(kept):
-            table.add(*(kept[key][column] for column in COLUMNS))
-        write_text(path, table.csv())
+        write_csv(path, (kept[key] for key in sorted(kept)))
     return [line for key, line in sorted(kept.items()) if key[0] == plan.label]
 
 
@@ -112,8 +109,7 @@ def page(plan: Plan, figures: Figures, steps: list[int], told: list[str]) -> str
             own = plan.study.published.get(row.name) if plan.target is None else None
             theirs = "–" if own is None else f"{own[0]:g} ± {own[1]:g}"
             values = list(figures.get(row.name, {}).values())
-            shown = interval(values) if values else None
-            table.add(f"{row.name}: {row.words}", theirs, shown, len(values))
+            table.add(f"{row.name}: {row.words}", theirs, over_runs(values), len(values))
     table.notes.append(
         "Return on the target, mean over training seeds with 95 % bootstrap intervals."
     )
@@ -139,14 +135,6 @@ def spanned(steps: list[int]) -> str:
     return " to ".join(f"{number:,}" for number in sorted({steps[0], steps[-1]})) if steps else "no"
 
 
-def interval(values: list[float]) -> Interval | float:
-    """Return the mean with its interval; alone for one value."""
-    column = np.array(values)[:, None]
-    if len(values) < 2:
-        return float(column[0, 0])
-    return bootstrap(column, mean, np.random.default_rng(0), draws=DRAWS, resample="rows")
-
-
 def claims(plan: Plan, figures: Figures) -> list[str]:
     """Return a line for each claim."""
     told = [
@@ -166,9 +154,9 @@ def compared(claim: str, figures: Figures, left: str, right: str, times: float) 
     if not pairs:
         return f"not run: {claim}"
     apart = [figures[left][seed] - times * figures[right][seed] for seed in pairs]
-    found = interval(apart)
+    found = over_runs(apart)
     if not isinstance(found, Interval):
-        return f"undecided: {claim}, by {short(found)} with one seed"
+        return f"undecided: {claim}, by {short(apart[0])} with one seed"
     answer = "undecided"
     if found.excludes(0.0):
         answer = "holds" if found.value > 0 else "contradicted"
