@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.cases import Cases, share, typed
-from benchmarks.study import command
+from benchmarks.study import at_least, command
 from hardware.config import Robot
 from hardware.excite import excite
 from hardware.log import Log
@@ -75,14 +75,14 @@ class Row(NamedTuple):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, make and compare the pairs, and keep the table."""
     parser = command("compare", __doc__, "results")
-    parser.add_argument("--pairs", type=int, default=24, help="half of them unchanged")
+    parser.add_argument("--pairs", type=at_least(2), default=24, help="half of them unchanged")
     parser.add_argument("--seed", type=int, default=14)
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="of change")
     parser.add_argument("--seconds", type=float, default=SECONDS, help="of a recording")
     given = parser.parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(message)s")
-    if given.pairs < 2 or given.seconds <= 0:
-        parser.error("at least two pairs, of more than 0 s")
+    if given.seconds <= 0:
+        parser.error("--seconds must be above 0")
     cases = Cases(given.results / "compare.csv", Row._fields, "pair")
     with TemporaryDirectory() as folder:
         robot = exam_robot(ROBOT, Path(folder))

@@ -24,7 +24,7 @@ import numpy as np
 from benchmarks.cases import Cases
 from benchmarks.ground_loop import loop
 from benchmarks.ground_walks import SECONDS, WALKERS, Entry, walks, walks_elsewhere
-from benchmarks.study import command
+from benchmarks.study import at_least, command
 from hardware.config import Robot, load_robot
 from sim2real.diagnosis.closed_loop.check import Drawn
 from sim2real.diagnosis.diagnose import diagnose, run_diagnosis
@@ -190,7 +190,7 @@ def _matches(cause: Cause, hidden: Entry) -> tuple[bool, bool]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, run the cases that are missing, and tell the score."""
     parser = command("ground", __doc__, "results")
-    parser.add_argument("--cases", type=int, default=12, help="cases in all (default: 12)")
+    parser.add_argument("--cases", type=at_least(1), default=12, help="cases in all (default: 12)")
     parser.add_argument("--robot", choices=tuple(WALKERS), default="quad8", help="that walks")
     parser.add_argument(
         "--engine", choices=(EMULATOR, "drake"), default=EMULATOR, help="what moves the robot"
@@ -201,8 +201,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if chosen.development:
         develop(chosen.robot)
         return 0
-    if chosen.cases < 1:
-        parser.error("--cases must be at least 1")
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     cases = Cases(chosen.results / "ground.csv", FIELDS)
     for row in cases.rows:  # those of before there were two engines

@@ -26,7 +26,7 @@ from scipy.spatial.distance import cdist
 from scipy.stats import chi2
 
 from benchmarks.cases import Cases, share, typed
-from benchmarks.study import command
+from benchmarks.study import at_least, command
 from envs.distribution import Distribution, Entry
 from envs.effects import make
 from envs.marginals import uniform
@@ -92,13 +92,11 @@ class Row(NamedTuple):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, run what is left, and keep the table."""
     parser = command("hidden_laws", __doc__, "results")
-    parser.add_argument("--cases", type=int, default=6, help="a third of each kind")
+    parser.add_argument("--cases", type=at_least(1), default=6, help="a third of each kind")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--npe", action="store_true", help="check NPE's calibration, too")
     given = parser.parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(message)s")
-    if given.cases < 1:
-        parser.error("at least one case")
     cases = Cases(given.results / "hidden_laws.csv", Row._fields)
     with TemporaryDirectory() as folder:
         robot = exam_robot(ROBOT, Path(folder))

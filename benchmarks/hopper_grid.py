@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.study import command, sim2real, trained
+from benchmarks.study import at_least, command, sim2real, trained
 from sim2real.evaluation.grid import Box
 from sim2real.evaluation.grid_plots import heatmaps
 from sim2real.evaluation.scores import GridScores, merge_runs
@@ -82,12 +82,12 @@ class Plan:
     """What to run and where."""
 
     frames: int  # environment steps of each training run
-    seeds: tuple[int, ...]  # of training
+    seeds: Sequence[int]  # of training
     out: Path  # folder of the runs
     results: Path  # folder of the tables and the picture
     # further settings of every run, such as `algorithm.shards=1`; those of `eval` go to the
     # evaluations only
-    overrides: tuple[str, ...] = ()
+    overrides: Sequence[str] = ()
 
     def folder(self, method: Method, seed: int) -> Path:
         """Return the training run's folder."""
@@ -311,16 +311,11 @@ def _compare(one: GridScores, other: GridScores, rng: np.random.Generator) -> Se
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Read the command line and run."""
-    parser = command(NAME, __doc__, "out", "results")
-    add = parser.add_argument
-    add("--frames", type=int, default=20_000_000, help="environment steps of each training run")
-    add("--seeds", type=int, nargs="+", default=[0, 1, 2], help="training seeds")
-    add("--set", nargs="*", default=[], metavar="KEY=VALUE", help="further settings of every run")
-    chosen = parser.parse_args(arguments)
-    if chosen.frames < 1 or min(chosen.seeds) < 0:
-        parser.error(f"--frames {chosen.frames} must be at least 1 and --seeds not negative")
-    seeds = tuple(dict.fromkeys(chosen.seeds))
-    run(Plan(chosen.frames, seeds, chosen.out.resolve(), chosen.results, tuple(chosen.set)))
+    parser = command(NAME, __doc__, "out", "results", "set")
+    add, steps = parser.add_argument, "environment steps of each training run"
+    add("--frames", type=at_least(1), default=20_000_000, help=steps)
+    add("--seeds", type=at_least(0), nargs="+", default=[0, 1, 2], help="training seeds")
+    run(Plan(**vars(parser.parse_args(arguments))))
 
 
 if __name__ == "__main__":

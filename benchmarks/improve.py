@@ -24,7 +24,7 @@ import numpy as np
 
 from benchmarks import study
 from benchmarks.cases import over_runs
-from benchmarks.study import command
+from benchmarks.study import at_least, command
 from sim2real.config.compose import compose, instantiate
 from sim2real.deployment import deploy
 from sim2real.deployment.stops import make_stop_limits
@@ -87,12 +87,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = command("improve", __doc__, "out", "results")
     add = parser.add_argument
     add("--robots", nargs="+", choices=list(WORLDS), default=list(WORLDS), help="default: both")
-    add("--seeds", type=int, nargs="+", default=[0, 1], help="default: 0 and 1")
-    add("--most", type=int, help="loops to run now; 0 writes the table only")
+    add("--seeds", type=at_least(0), nargs="+", default=[0, 1], help="default: 0 and 1")
+    add("--most", type=at_least(0), help="loops to run now; 0 writes the table only")
     chosen = parser.parse_args(arguments)
-    if min(chosen.seeds) < 0 or (chosen.most or 0) < 0:
-        parser.error("--seeds and --most must not be negative")
-    every = cases(chosen.robots, chosen.seeds, chosen.out.resolve())
+    every = cases(chosen.robots, chosen.seeds, chosen.out)
     left = [case for case in every if not case.result.is_file()]
     failed = 0
     for case in left[: chosen.most]:

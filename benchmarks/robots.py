@@ -23,7 +23,7 @@ from pathlib import Path
 
 from benchmarks.cases import read_csv
 from benchmarks.robots_report import Figures, write
-from benchmarks.study import command, folder_lock, sim2real, trained
+from benchmarks.study import at_least, command, folder_lock, sim2real, trained
 from hardware.errors import HardwareError
 from sim2real.config.compose import compose, instantiate
 from sim2real.evaluation.transfer import read
@@ -72,11 +72,11 @@ TRAININGS = tuple(training for round in ROUNDS for training in round)
 class Plan:
     """What to run and where."""
 
-    robots: tuple[str, ...]  # their names
-    seeds: tuple[int, ...]  # of training
+    robots: Sequence[str]  # their names
+    seeds: Sequence[int]  # of training
     out: Path  # folder of the runs
     results: Path  # folder of the tables and the picture
-    overrides: tuple[str, ...] = ()  # further settings of every training
+    overrides: Sequence[str] = ()  # further settings of every training
 
     def folder(self, robot: str, seed: int, name: str) -> Path:
         """Return the folder of a training, or of a policy's time on the bus."""
@@ -252,23 +252,14 @@ def collect(plan: Plan) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and run; return the exit status."""
-    parser = command("robots", __doc__, "out", "results")
+    parser = command("robots", __doc__, "out", "results", "report", "set")
     add = parser.add_argument
     add("--robots", nargs="+", default=list(ROBOTS), choices=ROBOTS, help="default: both")
-    add("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4], help="training seeds")
-    add("--report", action="store_true", help="run nothing, write the tables")
-    add("--set", nargs="*", default=[], metavar="KEY=VALUE", help="settings of every training")
+    add("--seeds", type=at_least(0), nargs="+", default=[0, 1, 2, 3, 4], help="training seeds")
     chosen = parser.parse_args(arguments)
-    if min(chosen.seeds) < 0:
-        parser.error("--seeds must not be negative")
-    plan = Plan(
-        tuple(dict.fromkeys(chosen.robots)),
-        tuple(dict.fromkeys(chosen.seeds)),
-        chosen.out.resolve(),
-        chosen.results.resolve(),
-        tuple(chosen.set),
-    )
-    if chosen.report:
+    only = chosen.__dict__.pop("report")
+    plan = Plan(**vars(chosen))
+    if only:
         collect(plan)
         return 0
     return int(run(plan) > 0)

@@ -22,7 +22,7 @@ from scipy.stats import spearmanr
 
 from benchmarks.cases import Cases, share
 from benchmarks.improve import Case, trained
-from benchmarks.study import RUNS, command
+from benchmarks.study import RUNS, at_least, command
 from envs.effects import make
 from hardware.backends import ServoBackend
 from hardware.config import Robot, load_robot
@@ -198,13 +198,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, run the robots that are missing, and tell the score."""
     parser = command("worth", __doc__, "results")
     add = parser.add_argument
-    add("--robots", type=int, default=40, help="robots in all (default: 40)")
-    add("--seed", type=int, default=3, help="of their draw (default: %(default)s)")
+    add("--robots", type=at_least(1), default=40, help="robots in all (default: 40)")
+    add("--seed", type=at_least(0), default=3, help="of their draw (default: %(default)s)")
     policies = RUNS / "improve"
     add("--policies", type=Path, default=policies, help="folder of benchmarks.improve's policies")
     chosen = parser.parse_args(arguments)
-    if chosen.robots < 1 or chosen.seed < 0:
-        parser.error("--robots must be at least 1, and --seed must not be negative")
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     cases = Cases(chosen.results / "worth.csv", FIELDS)
     judged = partial(case, chosen.seed, policies=chosen.policies.resolve())

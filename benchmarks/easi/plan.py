@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -134,13 +134,13 @@ class Plan:
     """What to run and where."""
 
     name: str  # of the task
-    rows: tuple[str, ...]  # names of those that are wanted
-    seeds: tuple[int, ...]  # of training
+    rows: Sequence[str]  # names of those that are wanted
+    seeds: Sequence[int]  # of training
     out: Path  # folder of the runs
     results: Path  # folder of tables and pictures
     frames: int | None = None  # environment steps of a training; None for the experiment's own
-    training: tuple[str, ...] = ()  # further settings of every training
-    identify: tuple[str, ...] = ()  # further settings of every EASI run
+    overrides: Sequence[str] = ()  # further settings of every training
+    identify: Sequence[str] = ()  # further settings of every EASI run
     # another target than the robot as its model says: conf/shift/<task>_<target>.yaml
     target: str | None = None
 

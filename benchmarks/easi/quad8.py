@@ -62,7 +62,7 @@ def learned(plan: Plan, name: str, seed: int, robots: list[str]) -> Path | None:
                 f"hydra.run.dir={folder}",
                 *go_on,
                 *robots,
-                *plan.training,
+                *plan.overrides,
             ):
                 return None
         write_text(folder / "done", "")

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from benchmarks.seeds.page import load, page
 from benchmarks.seeds.train import Plan, collect, run
-from benchmarks.study import command
+from benchmarks.study import at_least, command
 from sim2real.runs.files import write_text
 
 PAGE = Path(__file__).parents[2] / "docs" / "seeds.md"
@@ -29,7 +29,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add = parser.add_argument
     many = "trainings; --list names them, all: cheapest first"
     add("--run", nargs="+", default=[], metavar="NAME", help=many)
-    add("--seeds", type=int, nargs="+", help="training seeds; default: as many as a training has")
+    many = "training seeds; default: as many as a training has"
+    add("--seeds", type=at_least(0), nargs="+", help=many)
     add("--list", action="store_true", help="say what can be trained, and end")
     add("--page", type=Path, default=PAGE, help="the page that is written")
     chosen = parser.parse_args(arguments)
@@ -37,10 +38,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     trainings = content["trainings"]
     if unknown := sorted(set(chosen.run) - {"all", *trainings}):
         parser.error(f"no training {unknown[0]!r}; there are: all, {', '.join(trainings)}")
-    if min(chosen.seeds or [0]) < 0:
-        parser.error("--seeds must not be negative")
     cheapest = sorted(trainings, key=lambda name: trainings[name]["minutes"])
-    plan = Plan(trainings, chosen.out.resolve(), chosen.results.resolve() / "seeds.csv")
+    plan = Plan(trainings, chosen.out, chosen.results / "seeds.csv")
     if chosen.list:
         for name in cheapest:
             about, typed = trainings[name], " ".join(["sim2real", *plan.words(name)])
@@ -54,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     if plan.out.is_dir():
         collect(plan)
-    write_text(chosen.page.resolve(), page(content, chosen.results.resolve()))
+    write_text(chosen.page.resolve(), page(content, chosen.results))
     return int(failed > 0)
 
 
