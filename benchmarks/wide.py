@@ -52,21 +52,21 @@ def cores() -> int:
     return len(psutil.Process().cpu_affinity()) if psutil.LINUX else psutil.cpu_count() or 1
 
 
+def population_rate(job: Evaluation, rows: int, count: int) -> float:
+    """Return the steps a second of whole episodes in a number of shards over the cores."""
+    world: Any = partial(MujocoEnv, task=Hopper())
+    made = make_shards(EnvironmentFactory(world, make_tasks()), rows, count)
+    population = Population(made, job.controller.policy, 8)
+    begun = time.perf_counter()
+    frames = population.run(job.members(), job.controller.normalizer()).frames
+    return frames / (time.perf_counter() - begun)
+
+
 def es() -> Iterator[Row]:
     """Yield whole episodes of 512 members in the layout that is chosen and in the best one."""
-    job = Evaluation(512, 1, "hopping")
-    world: Any = partial(MujocoEnv, task=Hopper())
-    rows, there = 256, cores()
-
-    def rate(shards: int) -> float:
-        made = make_shards(EnvironmentFactory(world, make_tasks()), rows, shards)
-        population = Population(made, job.controller.policy, 8)
-        begun = time.perf_counter()
-        frames = population.run(job.members(), job.controller.normalizer()).frames
-        return frames / (time.perf_counter() - begun)
-
-    rate(1)  # warm
-    rates = {shards: rate(shards) for shards in SPLITS if shards <= there}
+    job, rows, there = Evaluation(512, 1, "hopping"), 256, cores()
+    population_rate(job, rows, 1)  # warm
+    rates = {split: population_rate(job, rows, split) for split in SPLITS if split <= there}
     best = max(rates.values())
     yield "es_population / best split", rates[layout(rows, there)[0]], best, "steps/s"
     yield "es_population, best split / a shard a core", best, rates[max(rates)], "steps/s"
@@ -75,15 +75,10 @@ def es() -> Iterator[Row]:
 def shards() -> Iterator[Row]:
     """Write the rates of all splits of three jobs over the cores of this process."""
     lines = ["cores,policy,members,rows,shards,threads,steps_per_s"]
-    world: Any = partial(MujocoEnv, task=Hopper())
     for gait, members, rows in JOBS:
         job = Evaluation(members, 1, gait)
         for count in (split for split in SPLITS if split <= cores()):
-            made = make_shards(EnvironmentFactory(world, make_tasks()), rows, count)
-            population = Population(made, job.controller.policy, 8)
-            begun = time.perf_counter()
-            frames = population.run(job.members(), job.controller.normalizer()).frames
-            rate = round(frames / (time.perf_counter() - begun))
+            rate = round(population_rate(job, rows, count))
             lines.append(f"{cores()},{gait},{members},{rows},{count},{cores() // count},{rate}")
     write_text(SHARDS, "\n".join(lines) + "\n")
     yield from ()
