@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks import so101, xl330
+from benchmarks import real_logs, so101, xl330
 from benchmarks.cases import over_runs, read_csv, write_csv
 from benchmarks.study import RUNS, command
 from envs import distribution_file
@@ -76,14 +76,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def servo(data: Path, out: Path) -> Case:
     """Return the XL330's logs, held out three at a time."""
     logs = [log for log in read_logs(data / xl330.FOLDER) if xl330.gain_of(log) in xl330.GAINS]
-    xl330.diagnose(logs, out / "all", "all")
+    real_logs.diagnose(logs, out / "all")
     return Case(Recordings(logs), out / "all", folds(len(logs)))
 
 
 def arm(data: Path, out: Path) -> Case:
     """Return the SO-101's logs: four were diagnosed, ten are held out."""
-    if not (out / "diagnosis" / "report.json").is_file():
-        so101.diagnose(data, out)
+    so101.diagnose(data, out)
     model = out / "model.xml"
     logs = so101.logs_of(data, (*so101.FIT, *so101.HELD_OUT), model)
     first, every = len(so101.FIT), len(logs)

@@ -14,11 +14,9 @@ docs/explanation/evidence.md names the logs, which are not part of this project.
 a folder; what is there is not repeated.
 """
 
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -28,10 +26,7 @@ from envs.effects import load_effects
 from hardware.log import Log, read_logs
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.replay import measure
-from sim2real.diagnosis.diagnose import run_diagnosis
-from sim2real.diagnosis.outcome import write
 from sim2real.runs.files import write_text
-from sim2real.runs.statistics import Interval
 from sim2real.runs.tables import Table
 
 GAINS = (100, 200, 800)  # the servo's P gain register
@@ -47,17 +42,6 @@ def gain_of(log: Log) -> int:
 def name_of(log: Log) -> str:
     """Return the name of a log's file, without its ending."""
     return log.path.stem if log.path else "log"
-
-
-def diagnose(logs: Sequence[Log], out: Path, name: str) -> None:
-    """Diagnose logs and write all files of the diagnosis into a folder, unless they are there."""
-    if (out / "report.json").is_file():
-        return
-
-    def tell(text: str, share: float) -> None:
-        print(f"{name}: {100 * share:3.0f} %  {text}", file=sys.stderr, flush=True)
-
-    write(run_diagnosis(logs, None, None, (), 0, tell), out)
 
 
 def error(log: Log, effects: Path | None = None) -> float:
@@ -116,13 +100,7 @@ def _fits() -> list[tuple[str, str]]:
 
 def _causes(out: Path, name: str, words: str) -> Table:
     """Return what one diagnosis found."""
-    answer: dict[str, Any] = json.loads((out / name / "report.json").read_text(encoding="utf-8"))
-    table = Table((words, "where", "value", "unit", "closed", "as good"))
-    for cause in real_logs.values(answer):
-        value = Interval(cause["value"], *cause["value_ci"])
-        others = ", ".join(one["effect"] for one in cause["equivalent"]) or None
-        where = cause["where"] or "robot"
-        table.add(cause["effect"], where, value, cause["unit"], cause["closed"], others)
+    answer, table = real_logs.causes(out / name, words)
     before, after = real_logs.gap(answer)
     table.notes.append(
         f"{answer['verdict']}: {1e3 * before:.0f} to {1e3 * after:.0f} mrad (rms) on "
@@ -139,7 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logs = [log for log in read_logs(chosen.data / FOLDER) if gain_of(log) in GAINS]
     for name, _ in () if chosen.report else _fits():
         some = [log for log in logs if name != f"without_{gain_of(log)}"]
-        diagnose(some, chosen.out / name, name)
+        real_logs.diagnose(some, chosen.out / name)
     print(report(logs, chosen.out, chosen.results).markdown())
     return 0
 
