@@ -21,7 +21,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from benchmarks.easi import quad8, quad8_report, steps
+from benchmarks.easi import quad8, steps
 from benchmarks.easi.plan import ROWS, STUDIES, Plan, targets
 from benchmarks.easi.report import report
 from benchmarks.study import at_least, command
@@ -40,9 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add("--identify", nargs="*", default=[], metavar="KEY=VALUE", help="and of every EASI run")
     chosen = parser.parse_args(arguments)
     only, plan = chosen.__dict__.pop("report"), plan_of(parser, chosen)
-    study, tell = (quad8, quad8_report.report) if plan.name == "quad8" else (steps, report)
-    failed = 0 if only else study.run(plan)
-    tell(plan)
+    failed = 0 if only else (quad8 if plan.name == "quad8" else steps).run(plan)
+    report(plan)
     return int(failed > 0)
 
 
@@ -51,11 +50,10 @@ def plan_of(parser: argparse.ArgumentParser, chosen: argparse.Namespace) -> Plan
     if chosen.target is not None and chosen.target not in (known := targets(chosen.name)):
         there = ", ".join(known) or "none"
         parser.error(f"--target {chosen.target}: {chosen.name} has no such target; it has: {there}")
-    rows: Sequence[str] = quad8.ROWS if chosen.name == "quad8" else list(ROWS)
+    rows = STUDIES[chosen.name].rows or list(ROWS)
     if foreign := [name for name in chosen.rows or () if name not in rows]:
         parser.error(f"--rows {foreign[0]}: {chosen.name} has: {', '.join(rows)}")
-    if chosen.name == "quad8":
-        chosen.target = chosen.target or quad8.TARGET
+    chosen.target = chosen.target or STUDIES[chosen.name].target
     chosen.rows = chosen.rows or rows
     return Plan(**vars(chosen))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,10 @@ class Study:
     # the seed's figures, mean and deviation over runs, by row
     published: Mapping[str, tuple[float, float]]
     identify: tuple[str, ...] = ()  # settings of every EASI run
+    target: str | None = None  # the first target, if that is not the robot as its model says
+    rows: tuple[str, ...] = ()  # names of its rows; none: all
+    words: Mapping[str, str] = field(default_factory=dict)  # what these are, if not the usual
+    note: str = ""  # on what its returns are
 
     @property
     def path(self) -> Path:
@@ -89,6 +93,10 @@ STUDIES: dict[str, Study] = {
             "easi_100": (0.72, 0.05),
             "easi_200": (0.78, 0.02),
         },
+        target="servos",
+        rows=("udr", "oracle", "easi_1", "easi_50", "easi_100", "easi_200"),
+        words={"udr": "the ranges of params=quad8_servos", "oracle": "what the robot hides"},
+        note=" The robot is emulated, ten episodes of each policy; the seed's return is Go2's.",
     ),
 }
 
@@ -167,6 +175,11 @@ class Plan:
     def folder(self, seed: int, *names: str) -> Path:
         """Return the folder of a run."""
         return self.out / self.label / f"seed{seed}" / Path(*names)
+
+    def training(self, name: str, seed: int) -> Path:
+        """Return the folder of a row's training."""
+        parts = (name, "policy") if self.study.target else (name,)
+        return (self.home if name == "udr" else self).folder(seed, *parts)
 
 
 def targets(name: str) -> list[str]:

@@ -20,8 +20,7 @@ from sim2real.config.compose import compose, instantiate
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import folder_lock, write_text
 
-TARGET, ROBOT, TRIALS = "servos", "quad8", 10
-ROWS = ("udr", "oracle", "easi_1", "easi_50", "easi_100", "easi_200")
+ROBOT, TRIALS = "quad8", 10
 TRAINING = ("eval=none", "video=none", "keep_checkpoints=1")
 STOPS = "stops={odd_voltage: 0.4, stray: 2.0}"  # legs that give are no fault
 FRESH = 1000  # added to a seed: demonstrations start otherwise than what is judged
@@ -51,7 +50,7 @@ def bus(plan: Plan, name: str, seed: int) -> Path:
 
 def learned(plan: Plan, name: str, seed: int, robots: list[str]) -> Path | None:
     """Return a trained policy's run; None where it failed."""
-    folder = (plan.home if name == "udr" else plan).folder(seed, name, "policy")
+    folder = plan.training(name, seed)
     if not (folder / "done").is_file():
         go_on = [f"resume={folder}"] if trained(folder) else []
         with timed(folder):
