@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
+from benchmarks.hopper_grid import training
 from benchmarks.study import at_least, command, folder_lock, sim2real, trained
 from sim2real.evaluation.scores import GridScores
 from sim2real.runs.files import write_text
@@ -112,14 +113,8 @@ def _train(plan: Plan, folder: Path, words: tuple[str, ...], seed: int, frames: 
             return True
         if not mine:
             return False
-        if steps:  # a run that goes on takes its policy from itself
-            words = (*(w for w in words if not w.startswith("start=")), f"resume={folder}")
-        return sim2real(
-            *words,
-            *(f"seed={seed}", "iterations=null", f"frames={frames}", "algorithm.warm_up=0"),
-            *("eval=none", "video=none", "keep_checkpoints=1", f"hydra.run.dir={folder}"),
-            *plan.overrides,
-        )
+        words = (*words, "keep_checkpoints=1", *plan.overrides)
+        return sim2real(*training(folder, seed, frames, words, steps > 0))
 
 
 def evaluate(plan: Plan, branch: str, test: str, seed: int) -> bool:

@@ -116,19 +116,18 @@ def train(plan: Plan, method: Method, seed: int) -> None:
     if done >= plan.frames:
         return
     own = [line for line in plan.overrides if not line.startswith("eval")]
-    resume = [f"resume={folder}"] if done else []
-    do(
-        f"+experiment={method.experiment}",
-        f"seed={seed}",
-        "iterations=null",
-        f"frames={plan.frames}",
-        "algorithm.warm_up=0",  # the study adapts from the start
-        "eval=none",
-        "video=none",
-        f"hydra.run.dir={folder}",
-        *resume,
-        *own,
-    )
+    words = (f"+experiment={method.experiment}", *own)
+    do(*training(folder, seed, plan.frames, words, done > 0))
+
+
+def training(
+    folder: Path, seed: int, frames: int, words: Sequence[str], begun: bool
+) -> Sequence[str]:
+    """Return the words of a training for so many steps; one that has begun goes on."""
+    if begun:  # takes its policy from itself
+        words = (*(w for w in words if not w.startswith("start=")), f"resume={folder}")
+    steps = ("iterations=null", f"frames={frames}", "algorithm.warm_up=0")  # adapts at once
+    return (*words, f"seed={seed}", *steps, "eval=none", "video=none", f"hydra.run.dir={folder}")
 
 
 def evaluate(plan: Plan, method: Method, seed: int) -> bool:

@@ -18,9 +18,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
+from statistics import fmean
 from typing import Any
-
-import numpy as np
 
 from benchmarks import study
 from benchmarks.cases import over_runs
@@ -207,10 +206,10 @@ def table(done: Sequence[dict[str, Any]], complete: bool) -> Table:
         share = closed(one)
         shares += [] if share is None else [share]
         rounds, last = one["rounds"], one["rounds"][-1]
-        returns = [mean(rounds[0]["simulator"]), mean(rounds[0]["robot"]), improved(one)]
+        returns = [fmean(rounds[0]["simulator"]), fmean(rounds[0]["robot"]), improved(one)]
         found = ", ".join(f"{c['label']} {c['value']:.3g}" for c in last["causes"]) or "–"
         ends = (len(rounds) - 1, share, found, one["words"])
-        made.add(one["world"], str(one["seed"]), *returns, mean(one["best_possible"]), *ends)
+        made.add(one["world"], str(one["seed"]), *returns, fmean(one["best_possible"]), *ends)
     made.notes.append(
         f"Returns: means of {len(done[0]['best_possible'])} episodes on the emulated robot, in the "
         "simulator as given for the first. Gap closed = (improved - as given) / (best possible "
@@ -231,20 +230,15 @@ def table(done: Sequence[dict[str, Any]], complete: bool) -> Table:
 
 def improved(one: dict[str, Any]) -> float:
     """Return what the best policy of a loop earns on the robot."""
-    return mean(one["rounds"][one["best"]]["robot"])
+    return fmean(one["rounds"][one["best"]]["robot"])
 
 
 def closed(one: dict[str, Any]) -> float | None:
     """Return the share of a loop's gap that it closed; None where there was none to close."""
-    before, most = mean(one["rounds"][0]["robot"]), mean(one["best_possible"])
+    before, most = fmean(one["rounds"][0]["robot"]), fmean(one["best_possible"])
     if (len(one["rounds"]) == 1 and one["end"] == "within_noise") or most <= before:
         return None
     return (improved(one) - before) / (most - before)
-
-
-def mean(values: Sequence[float]) -> float:
-    """Return the mean of episodes."""
-    return float(np.mean(values))
 
 
 if __name__ == "__main__":

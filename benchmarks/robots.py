@@ -20,6 +20,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 
 from benchmarks.cases import read_csv
 from benchmarks.robots_report import Figures, write
@@ -210,11 +211,6 @@ def phases(folder: Path) -> dict[str, list[float]] | None:
     return found
 
 
-def mean(values: Sequence[float]) -> float:
-    """Return the mean."""
-    return sum(values) / len(values)
-
-
 def gather(plan: Plan, robot: str, seed: int) -> dict[str, float]:
     """Return the figures of one robot and seed, by name, as far as they are there."""
     figures: dict[str, float] = {}
@@ -230,12 +226,12 @@ def gather(plan: Plan, robot: str, seed: int) -> dict[str, float]:
                 figures[f"{name}.in_{world}"] = float(scores.returns[world].mean())
         told = phases(plan.folder(robot, seed, f"bus_{name}"))
         if told:
-            figures[f"{name}.on_bus"] = mean(told["as trained"])
+            figures[f"{name}.on_bus"] = fmean(told["as trained"])
     for shift in SHIFTS[robot]:
         told = phases(plan.folder(robot, seed, f"bus_esmaml_{shift}"))
         if told:
-            figures[f"{shift}.before"] = mean(told["as trained"])
-            figures[f"{shift}.after"] = mean(told["adapted"])
+            figures[f"{shift}.before"] = fmean(told["as trained"])
+            figures[f"{shift}.after"] = fmean(told["adapted"])
             figures[f"{shift}.episodes"] = float(len(told["adapting"]))
     return figures
 

@@ -38,6 +38,7 @@ from sim2real.runs.files import write_text
 
 WIDE, SHARDS, RETURNS = (RESULTS / f"{name}.csv" for name in ("wide", "shards", "ppo_wide"))
 SPLITS = (1, 2, 4, 8, 16)  # shards, with the cores' threads between them
+SECONDS, STEPS = 12.0, 30  # of a training's rate, and of the bare graph's
 HIDDEN = 64  # of both layers of the acting policy
 JOBS: tuple[tuple[Gait, int, int], ...] = (  # policy, members, rows
     ("hopping", 512, 1024),
@@ -117,14 +118,14 @@ def learner_of(*overrides: str, base: Any = None) -> Any:
     return build(given["algorithm"], parts)
 
 
-def ppo_rate(preset: str, task: Task, device: str, physics: str, seconds: float = 12.0) -> float:
+def ppo_rate(preset: str, task: Task, device: str, physics: str) -> float:
     """Return the steps a second of a preset's iterations, the first two left out."""
     base = partial(MujocoEnv, task=task, physics=physics)
     learner = learner_of(f"algorithm={preset}", f"device={device}", base=base)
     for _ in range(2):
         learner.iterate()
     first, begun = learner.frames, time.perf_counter()
-    while time.perf_counter() - begun < seconds:
+    while time.perf_counter() - begun < SECONDS:
         learner.iterate()
     return (learner.frames - first) / (time.perf_counter() - begun)
 
@@ -174,16 +175,16 @@ def timed(work: Callable[[], None]) -> float:
     return 1.0 / (time.perf_counter() - begun)
 
 
-def raw_rate(env: MujocoEnv, steps: int = 30) -> float:
+def raw_rate(env: MujocoEnv) -> float:
     """Return the steps a second of the engine's graph alone."""
     plant, skip = env.simulation.plant, env.simulation.task.frame_skip
     plant.physics.step(None, skip)
 
     def go() -> None:
-        for _ in range(steps):
+        for _ in range(STEPS):
             plant.physics.step(None, skip)
 
-    return timed(go) * steps * env.batch_size[0]
+    return timed(go) * STEPS * env.batch_size[0]
 
 
 def hopper() -> Iterator[Row]:

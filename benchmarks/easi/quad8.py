@@ -10,10 +10,11 @@ found. All policies walk on the robot.
 
 import sys
 from pathlib import Path
+from statistics import fmean
 
 from benchmarks.easi.plan import Plan, Row
 from benchmarks.easi.steps import identify, in_rounds, looked_for
-from benchmarks.robots import mean, phases, timed
+from benchmarks.robots import phases, timed
 from benchmarks.study import sim2real, trained
 from hardware.errors import HardwareError
 from sim2real.config.compose import compose, instantiate
@@ -110,4 +111,4 @@ def identified(plan: Plan, row: Row, seed: int) -> Path | None:
 def returned(plan: Plan, name: str, seed: int) -> float | None:
     """Return what a row's policy earned on the robot; None: it has not walked."""
     told = phases(bus(plan, name, seed))
-    return None if told is None else mean(next(iter(told.values())))
+    return None if told is None else fmean(next(iter(told.values())))

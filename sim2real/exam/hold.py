@@ -125,6 +125,20 @@ class Examiner(ABC):
         }
 
 
+def check_data(data: str | None, part: str, name: str) -> None:
+    """Check that the folder of real logs holds a file that a case or robot needs.
+
+    Raises:
+        Sim2RealError: no folder, or one without it.
+    """
+    if not data or not Path(data, part).is_file():
+        raise Sim2RealError(
+            f"exam.data={data or None} has no {part}, which {name} needs; set the environment "
+            f"variable SIM2REAL_DATA to the folder of real logs (docs/explanation/evidence.md "
+            f"names the public sources)"
+        )
+
+
 def hold(exam: Examiner, outlines: Sequence[Outline], folder: Path) -> None:
     """Make, seal and diagnose one block of cases after the other, till `most` were asked."""
     left = exam.most

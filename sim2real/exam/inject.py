@@ -31,7 +31,7 @@ from envs.effects import Effect, make, write_effects
 from hardware.log import Log, read_log, write_log
 from hardware.stand import MODEL
 from sim2real.exam.cases import Case, write_task
-from sim2real.exam.hold import KNOWN, Examiner, Outline
+from sim2real.exam.hold import KNOWN, Examiner, Outline, check_data
 from sim2real.exam.logs import overall
 from sim2real.exam.measure import apart
 from sim2real.runs.errors import Sim2RealError
@@ -142,17 +142,8 @@ class RealExam(Examiner):
 
     def draw(self, seed: int) -> list[Outline]:
         """Return the cases; the same seed gives the same ones."""
-        if not self.data:
-            raise Sim2RealError(
-                "exam.data names no folder of real logs; set the environment variable "
-                "SIM2REAL_DATA (docs/explanation/evidence.md names public logs)"
-            )
-        for base in BASES.values():
-            if not (self._folder(base) / base.model).is_file():
-                raise Sim2RealError(
-                    f"exam.data={self.data} has no {base.folder}/{base.model}; set the "
-                    f"environment variable SIM2REAL_DATA to the folder of real logs"
-                )
+        for robot, base in BASES.items():
+            check_data(self.data, f"{base.folder}/{base.model}", robot)
         wanted = [
             (robot, (effect,))
             for robot, base in BASES.items()

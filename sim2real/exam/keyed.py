@@ -21,7 +21,7 @@ from typing import Any, ClassVar
 
 from hardware.log import read_log, write_log
 from sim2real.exam.cases import write_task
-from sim2real.exam.hold import KEY, Examiner, Outline, read_case
+from sim2real.exam.hold import KEY, Examiner, Outline, check_data, read_case
 from sim2real.exam.score import cases, wilson, words
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
@@ -105,12 +105,7 @@ class KeyedExam(Examiner):
         """Return the cases; nothing is drawn, so that any seed gives the same ones."""
         for name, case in self.keyed.items():
             for part in (case.log, case.model):
-                if not self.data or not Path(self.data, part).is_file():
-                    raise Sim2RealError(
-                        f"exam.data={self.data or None} has no {part}, which "
-                        f"{name} needs; set the environment variable SIM2REAL_DATA to the folder "
-                        f"of real logs (docs/explanation/evidence.md names the public sources)"
-                    )
+                check_data(self.data, part, name)
         return [
             Outline(name, "keyed", Path(case.log).parts[0], (), seed)
             for name, case in self.keyed.items()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks import so101
-from benchmarks.so101 import ARM, FIT, HELD_OUT, closed, main, overall, report
+from benchmarks.so101 import ARM, FIT, HELD_OUT, closed, overall, report
 from envs.effects import make, write_effects
 from hardware.log import Log
 from sim2real.runs.statistics import Interval
@@ -71,10 +71,3 @@ def test_where_the_gripper_is_below_its_base() -> None:
     columns["qpos.shoulder_lift"] = lift
     log = Log({"episode": np.zeros(4), "time": np.arange(4.0), **columns}, {}, None)
     assert so101.in_the_air(log, spec.compile()).tolist() == [True, True, True, False]
-
-
-def test_without_logs_it_is_skipped(capsys, monkeypatch) -> None:
-    """It says where logs are, and fails nothing."""
-    monkeypatch.delenv("SIM2REAL_DATA", raising=False)
-    assert main([]) == 0
-    assert "docs/explanation/evidence.md" in capsys.readouterr().err

@@ -18,7 +18,6 @@ from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 
-from hardware.files import atomic_write
 from hardware.log import Log, write_log
 from sim2real.exam.cases import write_task
 from sim2real.exam.hold import KEY, Examiner, Outline, closed, read_case
@@ -147,8 +146,7 @@ class EngineExam(Examiner):
         recorded = self._record(robot, made, outline.seed, model)
         spec = nominal(robot)
         spec.compile()
-        with atomic_write(model) as temporary:
-            temporary.write_text(spec.to_xml(), encoding="utf-8")
+        write_text(model, spec.to_xml())
         for name, log in recorded.items():
             if name != "bare":
                 write_log((key if name == "held" else logs) / f"{name}.csv", log)
