@@ -8,23 +8,13 @@ import os
 import subprocess
 import sys
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 
 LONG = (  # modules; each resumes, but for the first, which takes minutes
-    "diagnosis",
-    "bus",
-    "toys",
-    "transfer",
-    "pixels",
-    "improve",
-    "hopper_grid",
-    "robots",
-    "easi",
-    "xl330",
-    "so101",
-    "blindcheck",
+    *("diagnosis", "bus", "toys", "transfer", "pixels", "improve", "hopper_grid", "robots"),
+    *("easi", "xl330", "so101"),
 )
+EXAM = "sim2real +experiment={0} hydra.run.dir={1}/{0} resume={1}/{0}"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -93,13 +83,11 @@ def run_speed(parser: argparse.ArgumentParser, chosen: argparse.Namespace) -> in
 
 def run_long() -> int:
     """Run the long comparisons, one after another; each goes on where it was stopped."""
-    status = 0
-    for name in LONG:
-        if find_spec(f"benchmarks.{name}") is None:
-            print(f"skipped {name}: there is no benchmarks/{name}.py", file=sys.stderr)
-            continue
-        status |= subprocess.run([sys.executable, "-m", f"benchmarks.{name}"]).returncode
-    return int(status != 0)
+    exams = ["blindcheck", *(["blindcheck_real"] if "SIM2REAL_DATA" in os.environ else [])]
+    lines = [f"benchmarks.{name}" for name in LONG]
+    lines += [EXAM.format(name, "outputs/bench_long") for name in exams]
+    ended = [subprocess.run([sys.executable, "-m", *line.split()]).returncode for line in lines]
+    return int(any(ended))
 
 
 if __name__ == "__main__":

@@ -21,9 +21,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks import so101, xl330
-from benchmarks.cases import read_csv
-from benchmarks.study import command
+from benchmarks import real_logs, so101, xl330
+from benchmarks.cases import over_runs, read_csv, write_csv
+from benchmarks.study import RUNS, command
 from envs import distribution_file
 from envs.distribution import Distribution
 from hardware.log import read_logs
@@ -37,12 +37,9 @@ from sim2real.identification.providers.replay import replay
 from sim2real.identification.scores.aligned import KStep
 from sim2real.identification.searches import Cma
 from sim2real.runs.files import write_text
-from sim2real.runs.statistics import Interval, bootstrap, mean
 from sim2real.runs.tables import Table
 
-RESULTS = Path(__file__).parent / "results"
-OUT = Path("outputs/bench_long")
-FOLDS, DRAWS = 4, 10_000  # of the XL330's logs; resamples of an interval
+FOLDS = 4  # of the XL330's logs
 FIELDS = ("robot", "log", "fold", "before", "after", "coverage", "crps", "absolute")
 Split = tuple[list[int], list[int]]  # numbers of the logs that are fitted, and held out
 
@@ -57,12 +54,11 @@ class Case(NamedTuple):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, identify, judge, and keep the table; return the exit status."""
-    parser = command("bands", __doc__)
+    parser = command("bands", __doc__, "results")
     given = os.environ.get("SIM2REAL_DATA")
     parser.add_argument("robot", choices=list(CASES))
     parser.add_argument("--data", type=Path, default=given and Path(given), help="SIM2REAL_DATA")
-    parser.add_argument("--out", type=Path, default=OUT, help="folder of the diagnoses")
-    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the tables")
+    parser.add_argument("--out", type=Path, default=RUNS, help="folder of the diagnoses")
     chosen = parser.parse_args(arguments)
     if chosen.data is None or not (chosen.data / FOLDERS[chosen.robot]).is_dir():
         print("skipped: SIM2REAL_DATA names no such folder (docs/explanation/evidence.md)")
@@ -80,14 +76,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def servo(data: Path, out: Path) -> Case:
     """Return the XL330's logs, held out three at a time."""
     logs = [log for log in read_logs(data / xl330.FOLDER) if xl330.gain_of(log) in xl330.GAINS]
-    xl330.diagnose(logs, out / "all", "all")
+    real_logs.diagnose(logs, out / "all")
     return Case(Recordings(logs), out / "all", folds(len(logs)))
 
 
 def arm(data: Path, out: Path) -> Case:
     """Return the SO-101's logs: four were diagnosed, ten are held out."""
-    if not (out / "diagnosis" / "report.json").is_file():
-        so101.diagnose(data, out)
+    so101.diagnose(data, out)
     model = out / "model.xml"
     logs = so101.logs_of(data, (*so101.FIT, *so101.HELD_OUT), model)
     first, every = len(so101.FIT), len(logs)
@@ -141,28 +136,19 @@ def _logs(made: AlignedProvider, logs: Sequence[int]) -> AlignedProvider:
 
 def keep(rows: Sequence[dict[str, str]], results: Path) -> None:
     """Write bands.csv, a row for each log, and bands.md, a row for each robot."""
-    logs = Table(FIELDS)
-    for row in rows:
-        logs.add(*(row[name] for name in FIELDS))
     head = ("robot", "logs", "as given (deg)", "with the mean (deg)", "within the 90 % band")
     table = Table((*head, "CRPS (deg)", "absolute error of the mean (deg)"))
     for robot in CASES:
         own = [row for row in rows if row["robot"] == robot]
         if own:
-            means = (_mean(own, n) for n in ("before", "after", "coverage", "crps", "absolute"))
-            table.add(robot, len(own), *means)
+            columns = ([float(row[name]) for row in own] for name in FIELDS[3:])
+            table.add(robot, len(own), *map(over_runs, columns))
     table.notes.append(
         "`python -m benchmarks.bands xl330` and `so101`: logs that nothing was fitted to. Root "
         "mean squares and means over readings, then means over logs with 95 % bootstrap intervals."
     )
-    write_text(results / "bands.csv", logs.csv())
+    write_csv(results / "bands.csv", rows)
     write_text(results / "bands.md", table.markdown())
-
-
-def _mean(rows: Sequence[dict[str, str]], name: str) -> Interval:
-    values = np.array([[float(row[name])] for row in rows])
-    rng = np.random.default_rng(0)
-    return bootstrap(values, mean, rng, draws=DRAWS, resample="rows")
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ import numpy as np
 import yaml
 from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHandler
 
-from benchmarks.study import command
+from benchmarks.study import at_least, command
 from hardware.clock import VirtualClock
 from hardware.config import ROBOTS, Robot, make_robot
 from hardware.driver import Driver
@@ -32,7 +32,6 @@ from hardware.timing import BLOCK, BLOCK_SIZE
 from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
 
-RESULTS = Path(__file__).parent / "results"
 RATE = 50.0  # steps a second
 GOAL = 116  # address of goal_position
 ROUNDS = 3
@@ -162,14 +161,11 @@ def compare(counts: Sequence[int], steps: int) -> Table:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, measure and write; return the exit status."""
-    parser = command("bus", __doc__)
+    parser = command("bus", __doc__, "results")
     add = parser.add_argument
-    add("--servos", type=int, nargs="+", default=[3, 12], help="how many a robot has")
-    add("--steps", type=int, default=1000, help="of a round")
-    add("--results", type=Path, default=RESULTS, help="folder of the table")
+    add("--servos", type=at_least(1), nargs="+", default=[3, 12], help="how many a robot has")
+    add("--steps", type=at_least(1), default=1000, help="of a round")
     chosen = parser.parse_args(arguments)
-    if min(chosen.servos) < 1 or chosen.steps < 1:
-        parser.error("--servos and --steps must be at least 1")
     table = compare(chosen.servos, chosen.steps)
     table.write(chosen.results / "bus", "What a step over the bus costs")
     sys.stdout.write(table.markdown())

@@ -9,17 +9,19 @@ that a study goes on where it was stopped, and several seeds share a file.
 """
 
 import csv
-import io
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
+import numpy as np
 from scipy.stats import binomtest
 
 from sim2real.runs.files import write_text
-from sim2real.runs.statistics import Interval
+from sim2real.runs.statistics import Interval, Statistic, bootstrap, mean
+from sim2real.runs.tables import Table
 
+DRAWS = 5000  # resamples of an interval
 log_ = logging.getLogger(__name__)
 Row = dict[str, str]
 Named = TypeVar("Named", bound=tuple)  # a NamedTuple
@@ -33,12 +35,34 @@ def read_csv(path: Path) -> list[Row]:
         return list(csv.DictReader(file))
 
 
+def write_csv(path: Path, rows: Iterable[Mapping[str, Any]]) -> None:
+    """Write rows, one at least, whose columns are those of the first."""
+    rows = list(rows)
+    table = Table(tuple(rows[0]))
+    for row in rows:
+        table.add(*(row[name] for name in table.columns))
+    write_text(path, table.csv())
+
+
+def over_runs(
+    values: Sequence[float] | np.ndarray, statistic: Statistic = mean
+) -> Interval | float | None:
+    """Return a statistic of one number a run, with its 95 % bootstrap interval over the runs.
+
+    Alone for one run, None for none.
+    """
+    if len(values) < 2:
+        return float(values[0]) if len(values) else None
+    rng = np.random.default_rng(0)
+    return bootstrap(np.array(values)[:, None], statistic, rng, draws=DRAWS, resample="rows")
+
+
 class Cases:
     """Rows of cases in a CSV file."""
 
     def __init__(self, path: Path, fields: Sequence[str], key: str = "case") -> None:
         self.path, self.fields, self.key = path, fields, key
-        self.rows: list[Row] = read_csv(path)
+        self.rows = [{name: row.get(name, "") for name in fields} for row in read_csv(path)]
 
     def run(
         self,
@@ -62,18 +86,11 @@ class Cases:
             for made in judge(number):
                 self.rows.append({field: str(made.get(field, "")) for field in self.fields})
                 log_.info("%s", " | ".join(self.rows[-1].values()))
-            self._write()
+            write_csv(self.path, self.rows)
         return [row for row in self._of(same) if row[self.key].startswith(f"{seed}-")]
 
     def _of(self, same: Mapping[str, str]) -> list[Row]:
         return [row for row in self.rows if same.items() <= row.items()]
-
-    def _write(self) -> None:
-        text = io.StringIO()
-        writer = csv.DictWriter(text, self.fields, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(self.rows)
-        write_text(self.path, text.getvalue())
 
 
 def typed(kind: type[Named], rows: Sequence[Row]) -> list[Named]:

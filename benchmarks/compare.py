@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.cases import Cases, share, typed
-from benchmarks.study import command
+from benchmarks.study import at_least, command
 from hardware.config import Robot
 from hardware.excite import excite
 from hardware.log import Log
@@ -36,7 +36,6 @@ from sim2real.exam.logs import drive, exam_robot, motions
 from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
 
-RESULTS = Path(__file__).parent / "results"
 ROBOT, SIZE = "arm2", 0.5
 SECONDS = 24.0  # of a recording
 KINDS = ("friction", "zero", "supply")
@@ -75,17 +74,16 @@ class Row(NamedTuple):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, make and compare the pairs, and keep the table."""
-    parser = command("compare", __doc__)
-    parser.add_argument("--pairs", type=int, default=24, help="half of them unchanged")
+    parser = command("compare", __doc__, "results")
+    parser.add_argument("--pairs", type=at_least(2), default=24, help="half of them unchanged")
     parser.add_argument("--seed", type=int, default=14)
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="of change")
     parser.add_argument("--seconds", type=float, default=SECONDS, help="of a recording")
-    parser.add_argument("--out", type=Path, default=RESULTS, help="where the tables go")
     given = parser.parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(message)s")
-    if given.pairs < 2 or given.seconds <= 0:
-        parser.error("at least two pairs, of more than 0 s")
-    cases = Cases(given.out / "compare.csv", Row._fields, "pair")
+    if given.seconds <= 0:
+        parser.error("--seconds must be above 0")
+    cases = Cases(given.results / "compare.csv", Row._fields, "pair")
     with TemporaryDirectory() as folder:
         robot = exam_robot(ROBOT, Path(folder))
 
@@ -188,7 +186,7 @@ def keep(own: Sequence[Row], given: argparse.Namespace) -> None:
         f"{sum(row.more for row in own)} further changes are named that were not made. A "
         f"comparison takes {np.median(spent):.0f} s of processor time in the median."
     )
-    write_text(given.out / "compare.md", table.markdown())
+    write_text(given.results / "compare.md", table.markdown())
 
 
 def _add(table: Table, kind: str, rows: Sequence[Row]) -> None:

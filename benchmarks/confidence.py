@@ -10,7 +10,6 @@ ones follow from the confidences that exams' answers have: they are the maximum 
 which first causes were right. How good they are, is shown on another exam.
 """
 
-import csv
 import sys
 from collections.abc import Sequence
 from itertools import pairwise
@@ -21,9 +20,11 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.special import expit, logit
 
+from benchmarks.cases import read_csv
 from benchmarks.study import command
 from sim2real.diagnosis.settings import DEFAULT
-from sim2real.exam.thirdparty.tables import EDGES, expected_error
+from sim2real.exam.score import EDGES
+from sim2real.exam.thirdparty.tables import expected_error
 from sim2real.runs.tables import Table
 
 SPAN = (1e-3, 1e3)  # times the present prior odds
@@ -36,13 +37,11 @@ def read(tables: Sequence[Path]) -> tuple[np.ndarray, np.ndarray]:
     Answers to cases that hide nothing are left out: there is no cause that could be right.
     """
     said, right = [], []
-    for path in tables:
-        with path.open(encoding="utf-8", newline="") as file:
-            for row in csv.DictReader(file):
-                asked = row.get("right") not in ("", "nan", None) and row["kind"] != "off_nominal"
-                if asked and row["confidence"]:
-                    said.append(float(row["confidence"]))
-                    right.append(float(row["right"]))
+    for row in (row for path in tables for row in read_csv(path)):
+        asked = row.get("right") not in ("", "nan", None) and row["kind"] != "off_nominal"
+        if asked and row["confidence"]:
+            said.append(float(row["confidence"]))
+            right.append(float(row["right"]))
     return np.array(said), np.array(right)
 
 

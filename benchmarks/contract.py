@@ -24,7 +24,7 @@ import yaml
 from benchmarks.cases import share
 from benchmarks.contract_walk import Change, Fault, Named, walk
 from benchmarks.policies.tasks import POLICIES
-from benchmarks.study import command
+from benchmarks.study import at_least, command
 from envs.tasks import Follow, Hopper2, Quad8, Quad12
 from envs.tasks.servo import ServoTask
 from sim2real.diagnosis.contract.answer import Answer
@@ -32,7 +32,6 @@ from sim2real.diagnosis.contract.check import check_contract
 from sim2real.diagnosis.contract.description import Description, History, read_description
 from sim2real.runs.tables import Table
 
-RESULTS = Path(__file__).parent / "results"
 ROBOTS = ("quad8", "hopper2", "arm6", "quad12")
 TASKS: dict[str, Callable[..., ServoTask]] = {"quad8": Quad8, "hopper2": Hopper2, "quad12": Quad12}
 ARM, SERVO = Path(__file__).parents[1] / "conf/robot/arm6.yaml", "xl430-w250"
@@ -42,15 +41,13 @@ TWO = 0.4  # share of faulty cases with two faults
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, make and check the cases, and keep the table."""
-    parser = command("contract", __doc__)
-    parser.add_argument("--cases", type=int, default=45, help="faulty, and as many sound ones")
-    parser.add_argument("--seed", type=int, default=7, help="of their draw (default: %(default)s)")
-    parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=ROBOTS, help="in turns")
-    parser.add_argument("--policies", action="store_true", help="those of other libraries")
-    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the table")
+    parser = command("contract", __doc__, "results")
+    add = parser.add_argument
+    add("--cases", type=at_least(1), default=45, help="faulty, and as many sound ones")
+    add("--seed", type=int, default=7, help="of their draw (default: %(default)s)")
+    add("--robots", nargs="+", choices=ROBOTS, default=ROBOTS, help="in turns")
+    add("--policies", action="store_true", help="those of other libraries")
     chosen = parser.parse_args(arguments)
-    if chosen.cases < 1:
-        parser.error("--cases must be at least 1")
     make = foreign if chosen.policies else partial(case, robots=chosen.robots)
     cases = [make(chosen.seed, number, number < chosen.cases) for number in range(2 * chosen.cases)]
     made = table(cases)

@@ -12,25 +12,19 @@ from __future__ import annotations
 import shutil
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 import benchmarks.__main__ as speed
 from benchmarks.study import command
 
-RESULTS = Path(__file__).parent / "results"
 ROWS = "fit_sysid,fit,diagnose_3_joints,diagnose_6_joints,diagnose_quad8_walks,worth_quad8"
 KEPT = {"table.md": "diagnosis_speed.md", "bench.json": "diagnosis_speed.json"}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, run the rows and keep what they come to."""
-    parser = command("diagnosis", __doc__)
+    parser = command("diagnosis", __doc__, "out", "results")
     parser.add_argument("--repeats", type=int, default=1, help="rounds (default: %(default)s)")
     parser.add_argument("--scale", type=float, default=1.0, help="of the logs' lengths")
-    parser.add_argument(
-        "--out", type=Path, default=Path("outputs/bench_long/diagnosis"), help="folder"
-    )
-    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of what is kept")
     chosen = parser.parse_args(arguments)
     options = ["--rows", ROWS, "--repeats", str(chosen.repeats), "--scale", str(chosen.scale)]
     status = speed.main([*options, "--out", str(chosen.out)])

@@ -8,19 +8,17 @@ a hidden effect at its place; where nothing is hidden, or an effect was withheld
 wrong.
 """
 
-import csv
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from benchmarks.cases import Row, read_csv
 from benchmarks.study import command
 from sim2real.exam.score import wilson
 from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
 
-RESULTS = Path(__file__).parent / "results"
-EXPLAINED = "explained"
 CALIBRATION = "thirdparty.csv"  # the half on which the search was mended
 
 
@@ -33,10 +31,13 @@ class Answer(NamedTuple):
 
 def read(path: Path) -> list[Answer]:
     """Return the answers of a table that are called explained, in its order."""
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["answer"].startswith(f"{EXPLAINED}: ")]
     # rank1 is empty where an effect was withheld, or nothing is hidden
-    return [Answer(path.name, row["rank1"] == "1") for row in rows]
+    return [Answer(path.name, r["rank1"] == "1") for r in read_csv(path) if is_explained(r)]
+
+
+def is_explained(row: Row) -> bool:
+    """Return whether a case's answer is called explained."""
+    return row["answer"].startswith("explained: ")
 
 
 def table_of(answers: Sequence[Answer]) -> Table:
@@ -59,8 +60,7 @@ def _add(table: Table, name: str, answers: Sequence[Answer]) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Count, print, and keep what was counted."""
-    parser = command("explained", __doc__)
-    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the tables")
+    parser = command("explained", __doc__, "results")
     folder = parser.parse_args(arguments).results
     paths = sorted([*folder.glob("blindcheck*.csv"), *folder.glob("thirdparty*.csv")])
     if not paths:

@@ -17,7 +17,6 @@ import logging
 import os
 import time
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,13 +24,12 @@ import numpy as np
 from benchmarks.cases import Cases
 from benchmarks.ground_loop import loop
 from benchmarks.ground_walks import SECONDS, WALKERS, Entry, walks, walks_elsewhere
-from benchmarks.study import command
+from benchmarks.study import at_least, command
 from hardware.config import Robot, load_robot
 from sim2real.diagnosis.closed_loop.check import Drawn
 from sim2real.diagnosis.diagnose import diagnose, run_diagnosis
 from sim2real.diagnosis.schema import Cause, ClosedLoop, Estimate, Report
 
-RESULTS = Path(__file__).parent / "results"
 DEVELOPED = 11  # seed of the walks that it was developed on
 FIELDS: tuple[str, ...] = (
     "case",
@@ -191,21 +189,18 @@ def _matches(cause: Cause, hidden: Entry) -> tuple[bool, bool]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, run the cases that are missing, and tell the score."""
-    parser = command("ground", __doc__)
-    parser.add_argument("--cases", type=int, default=12, help="cases in all (default: 12)")
+    parser = command("ground", __doc__, "results")
+    parser.add_argument("--cases", type=at_least(1), default=12, help="cases in all (default: 12)")
     parser.add_argument("--robot", choices=tuple(WALKERS), default="quad8", help="that walks")
     parser.add_argument(
         "--engine", choices=(EMULATOR, "drake"), default=EMULATOR, help="what moves the robot"
     )
     parser.add_argument("--seed", type=int, default=5, help="of their draw (default: %(default)s)")
-    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the table")
     parser.add_argument("--development", action="store_true", help="walks that are known")
     chosen = parser.parse_args(arguments)
     if chosen.development:
         develop(chosen.robot)
         return 0
-    if chosen.cases < 1:
-        parser.error("--cases must be at least 1")
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     cases = Cases(chosen.results / "ground.csv", FIELDS)
     for row in cases.rows:  # those of before there were two engines

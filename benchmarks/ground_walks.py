@@ -53,9 +53,7 @@ WALKERS = {
 }
 
 
-def walks(
-    name: str, hidden: Sequence[Entry], seed: int, episodes: int = EPISODES, pose: bool = False
-) -> list[Log]:
+def walks(name: str, hidden: Sequence[Entry], seed: int, episodes: int = EPISODES) -> list[Log]:
     """Return logs of an emulated robot's walks, one an episode.
 
     Args:
@@ -63,10 +61,9 @@ def walks(
         hidden: entries of an effects file.
         seed: of the offsets and of the emulator.
         episodes: their number; every other one begins in mid-gait.
-        pose: whether the base's position is logged, too.
     """
     every = walked(name, hidden, seed, episodes)
-    return [seen(log, number, pose) for number, log in enumerate(every) if log.time[-1] > 2 * BEGUN]
+    return [seen(log, number) for number, log in enumerate(every) if log.time[-1] > 2 * BEGUN]
 
 
 def walked(name: str, hidden: Sequence[Entry], seed: int, episodes: int) -> list[Log]:
@@ -108,10 +105,10 @@ def _offsets(size: int, rng: np.random.Generator) -> Any:
     return actor
 
 
-def seen(log: Log, number: int, pose: bool = False) -> Log:
+def seen(log: Log, number: int) -> Log:
     """Return what a robot without a tracker logs; every other episode begins in mid-gait."""
     first = int(np.searchsorted(log.time, BEGUN)) if number % 2 else 0
-    dropped = ("obs.", "reward") if pose else ("obs.", "reward", "sensor.position")
+    dropped = ("obs.", "reward", "sensor.position")
     columns = {n: c[first:] for n, c in log.columns.items() if not n.startswith(dropped)}
     shift = columns["time"][0]
     moved = {n: c - shift for n, c in columns.items() if n == "time" or n.startswith("stamp.")}

@@ -26,7 +26,7 @@ from scipy.spatial.distance import cdist
 from scipy.stats import chi2
 
 from benchmarks.cases import Cases, share, typed
-from benchmarks.study import command
+from benchmarks.study import at_least, command
 from envs.distribution import Distribution, Entry
 from envs.effects import make
 from envs.marginals import uniform
@@ -47,7 +47,6 @@ from sim2real.runs.files import write_text
 from sim2real.runs.statistics import Interval
 from sim2real.runs.tables import Table
 
-RESULTS = Path(__file__).parent / "results"
 ROBOT, SIZE, SECONDS = "arm2", 0.5, 8.0  # of each log
 ROBOTS, FRESH, DRAWS = 8, 200, 500
 KINDS = ("normal", "correlated", "two kinds")
@@ -92,16 +91,13 @@ class Row(NamedTuple):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, run what is left, and keep the table."""
-    parser = command("hidden_laws", __doc__)
-    parser.add_argument("--cases", type=int, default=6, help="a third of each kind")
+    parser = command("hidden_laws", __doc__, "results")
+    parser.add_argument("--cases", type=at_least(1), default=6, help="a third of each kind")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--npe", action="store_true", help="check NPE's calibration, too")
-    parser.add_argument("--out", type=Path, default=RESULTS, help="where the tables go")
     given = parser.parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(message)s")
-    if given.cases < 1:
-        parser.error("at least one case")
-    cases = Cases(given.out / "hidden_laws.csv", Row._fields)
+    cases = Cases(given.results / "hidden_laws.csv", Row._fields)
     with TemporaryDirectory() as folder:
         robot = exam_robot(ROBOT, Path(folder))
 
@@ -109,7 +105,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return [judge(number, robot, given.seed, given.npe)._asdict()]
 
         rows = cases.run(given.seed, given.cases, judged)
-    keep(typed(Row, rows), given.out, given.seed)
+    keep(typed(Row, rows), given.results, given.seed)
     return 0
 
 

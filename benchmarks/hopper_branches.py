@@ -26,13 +26,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from benchmarks.study import command, folder_lock, sim2real, trained
+from benchmarks.hopper_grid import training
+from benchmarks.study import at_least, command, folder_lock, sim2real, trained
 from sim2real.evaluation.scores import GridScores
 from sim2real.runs.files import write_text
 from sim2real.runs.statistics import Interval
 from sim2real.runs.tables import Table
 
-RESULTS = Path(__file__).parent / "results"
 NAME = "hopper_branches"
 TRUNK, BRANCH = 20_000_000, 20_000_000  # environment steps
 MARGIN = 0.1  # of the randomized branch's return, within which two branches count as alike
@@ -68,15 +68,15 @@ MORE = (("20", "esmaml_10", "es_dr"), ("10_seed", "esmaml_10", "es_dr"))
 class Plan(NamedTuple):
     """What to run, how long, and where."""
 
-    branches: tuple[str, ...]
-    tests: tuple[str, ...]
-    seeds: tuple[int, ...]
+    branches: Sequence[str]
+    tests: Sequence[str]
+    seeds: Sequence[int]
     trunk: int
     branch: int
-    cells: tuple[int, int]
+    cells: Sequence[int]
     out: Path
     results: Path
-    words: tuple[str, ...] = ()  # further settings of every training
+    overrides: Sequence[str]  # further settings of every training
 
     def folder(self, seed: int, *names: str) -> Path:
         """Return the folder of a run."""
@@ -113,14 +113,8 @@ def _train(plan: Plan, folder: Path, words: tuple[str, ...], seed: int, frames: 
             return True
         if not mine:
             return False
-        if steps:  # a run that goes on takes its policy from itself
-            words = (*(w for w in words if not w.startswith("start=")), f"resume={folder}")
-        return sim2real(
-            *words,
-            *(f"seed={seed}", "iterations=null", f"frames={frames}", "algorithm.warm_up=0"),
-            *("eval=none", "video=none", "keep_checkpoints=1", f"hydra.run.dir={folder}"),
-            *plan.words,
-        )
+        words = (*words, "keep_checkpoints=1", *plan.overrides)
+        return sim2real(*training(folder, seed, frames, words, steps > 0))
 
 
 def evaluate(plan: Plan, branch: str, test: str, seed: int) -> bool:
@@ -240,7 +234,7 @@ def report(plan: Plan) -> bool:
 
 def repeat_line(plan: Plan) -> str:
     """Return the command line that repeats this."""
-    sets = f" --set {' '.join(plan.words)}" if plan.words else ""
+    sets = f" --set {' '.join(plan.overrides)}" if plan.overrides else ""
     seeds, cells = " ".join(map(str, plan.seeds)), " ".join(map(str, plan.cells))
     branches, tests = " ".join(plan.branches), " ".join(plan.tests)
     return (
@@ -251,33 +245,19 @@ def repeat_line(plan: Plan) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and run; return the exit status."""
-    parser = command(NAME, __doc__)
+    parser = command(NAME, __doc__, "out", "results", "report", "set")
     add, branches, tests = parser.add_argument, list(BRANCHES), list(TESTS)
     add("--branches", nargs="+", default=branches, choices=branches, help=", ".join(branches))
     add("--tests", nargs="+", default=tests, choices=tests, help=", ".join(tests))
-    add("--seeds", type=int, nargs="+", default=list(range(6)), help="training seeds")
-    add("--trunk", type=int, default=TRUNK, help="environment steps of a trunk")
-    add("--branch", type=int, default=BRANCH, help="environment steps of a branch")
-    add("--cells", type=int, nargs=2, default=[12, 15], help="masses and frictions of the grid")
-    add("--report", action="store_true", help="run nothing, write the tables of what there is")
-    add("--out", type=Path, default=Path("outputs/bench_long") / NAME, help="folder of the runs")
-    add("--results", type=Path, default=RESULTS, help="folder of the tables")
-    add("--set", nargs="*", default=[], metavar="KEY=VALUE", help="settings of every training")
+    add("--seeds", type=at_least(0), nargs="+", default=list(range(6)), help="training seeds")
+    add("--trunk", type=at_least(1), default=TRUNK, help="environment steps of a trunk")
+    add("--branch", type=at_least(1), default=BRANCH, help="environment steps of a branch")
+    cells = "masses and frictions of the grid"
+    add("--cells", type=at_least(1), nargs=2, default=[12, 15], help=cells)
     chosen = parser.parse_args(arguments)
-    if min(chosen.seeds) < 0 or min(chosen.trunk, chosen.branch, *chosen.cells) < 1:
-        parser.error("--seeds must not be negative, --trunk, --branch and --cells at least 1")
-    plan = Plan(
-        tuple(dict.fromkeys(chosen.branches)),
-        tuple(dict.fromkeys(chosen.tests)),
-        tuple(dict.fromkeys(chosen.seeds)),
-        chosen.trunk,
-        chosen.branch,
-        tuple(chosen.cells),
-        chosen.out.resolve(),
-        chosen.results.resolve(),
-        tuple(chosen.set),
-    )
-    if chosen.report:
+    only = chosen.__dict__.pop("report")
+    plan = Plan(**vars(chosen))
+    if only:
         return int(not report(plan))
     failed = run(plan)
     return int(not report(plan) or failed > 0)

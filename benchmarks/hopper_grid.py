@@ -11,8 +11,6 @@ by 15 frictions, and writes hopper_grid.csv, .md and .png, after every run anew.
 Each run has a folder of its own: what is complete is skipped, what was interrupted is resumed.
 """
 
-import csv
-import io
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.study import command, sim2real, trained
+from benchmarks.study import at_least, command, sim2real, trained
 from sim2real.evaluation.grid import Box
 from sim2real.evaluation.grid_plots import heatmaps
 from sim2real.evaluation.scores import GridScores, merge_runs
@@ -37,7 +35,6 @@ from sim2real.runs.statistics import (
 )
 from sim2real.runs.tables import Cell, Table
 
-RESULTS = Path(__file__).parent / "results"
 NAME = "hopper_grid"
 THRESHOLD, DRAWS = 2000.0, 5000
 BOX: Box = {"link_mass.torso": (1.0, 9.0), "ground_friction": (1.5, 2.5)}
@@ -85,12 +82,12 @@ class Plan:
     """What to run and where."""
 
     frames: int  # environment steps of each training run
-    seeds: tuple[int, ...]  # of training
+    seeds: Sequence[int]  # of training
     out: Path  # folder of the runs
     results: Path  # folder of the tables and the picture
     # further settings of every run, such as `algorithm.shards=1`; those of `eval` go to the
     # evaluations only
-    overrides: tuple[str, ...] = ()
+    overrides: Sequence[str] = ()
 
     def folder(self, method: Method, seed: int) -> Path:
         """Return the training run's folder."""
@@ -119,19 +116,18 @@ def train(plan: Plan, method: Method, seed: int) -> None:
     if done >= plan.frames:
         return
     own = [line for line in plan.overrides if not line.startswith("eval")]
-    resume = [f"resume={folder}"] if done else []
-    do(
-        f"+experiment={method.experiment}",
-        f"seed={seed}",
-        "iterations=null",
-        f"frames={plan.frames}",
-        "algorithm.warm_up=0",  # the study adapts from the start
-        "eval=none",
-        "video=none",
-        f"hydra.run.dir={folder}",
-        *resume,
-        *own,
-    )
+    words = (f"+experiment={method.experiment}", *own)
+    do(*training(folder, seed, plan.frames, words, done > 0))
+
+
+def training(
+    folder: Path, seed: int, frames: int, words: Sequence[str], begun: bool
+) -> Sequence[str]:
+    """Return the words of a training for so many steps; one that has begun goes on."""
+    if begun:  # takes its policy from itself
+        words = (*(w for w in words if not w.startswith("start=")), f"resume={folder}")
+    steps = ("iterations=null", f"frames={frames}", "algorithm.warm_up=0")  # adapts at once
+    return (*words, f"seed={seed}", *steps, "eval=none", "video=none", f"hydra.run.dir={folder}")
 
 
 def evaluate(plan: Plan, method: Method, seed: int) -> bool:
@@ -179,7 +175,7 @@ def collect(plan: Plan) -> None:
     scores = gather(plan)
     if not scores:
         return
-    write_text(plan.results / f"{NAME}.csv", cells_csv(scores))
+    write_text(plan.results / f"{NAME}.csv", cells(scores).csv())
     write_text(plan.results / f"{NAME}.md", page(plan, scores))
     picture(scores, plan.results / f"{NAME}.png")
 
@@ -189,19 +185,16 @@ def final(scores: GridScores) -> np.ndarray:
     return scores.after.mean(axis=2)
 
 
-def cells_csv(scores: Mapping[str, GridScores]) -> str:
+def cells(scores: Mapping[str, GridScores]) -> Table:
     """Return one row for each method, run and cell."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
     names = next(iter(scores.values())).grid.names
-    writer.writerow(["method", "run", "training_steps", *names, "before", "after"])
+    table = Table(("method", "run", "training_steps", *names, "before", "after"))
     for method, found in scores.items():
-        before, after = found.before.mean(axis=2), final(found)
-        for r, (run, steps) in enumerate(zip(found.runs, found.frames, strict=True)):
-            for c, cell in enumerate(found.grid.cells().tolist()):
-                numbers = [f"{x:.6g}" for x in (before[r, c], after[r, c])]
-                writer.writerow([method, run, steps, *cell, *numbers])
-    return out.getvalue()
+        means = np.stack([found.before.mean(axis=2), final(found)], axis=-1)  # (R, C, 2)
+        for run, steps, own in zip(found.runs, found.frames, means, strict=True):
+            for cell, two in zip(found.grid.cells().tolist(), own.tolist(), strict=True):
+                table.add(method, run, steps, *cell, *(f"{number:.6g}" for number in two))
+    return table
 
 
 TITLES = {  # of the maps, in their order
@@ -317,18 +310,11 @@ def _compare(one: GridScores, other: GridScores, rng: np.random.Generator) -> Se
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Read the command line and run."""
-    parser = command(NAME, __doc__)
-    add = parser.add_argument
-    add("--frames", type=int, default=20_000_000, help="environment steps of each training run")
-    add("--seeds", type=int, nargs="+", default=[0, 1, 2], help="training seeds")
-    add("--out", type=Path, default=Path("outputs/bench_long") / NAME, help="folder of the runs")
-    add("--results", type=Path, default=RESULTS, help="folder of the tables and the picture")
-    add("--set", nargs="*", default=[], metavar="KEY=VALUE", help="further settings of every run")
-    chosen = parser.parse_args(arguments)
-    if chosen.frames < 1 or min(chosen.seeds) < 0:
-        parser.error(f"--frames {chosen.frames} must be at least 1 and --seeds not negative")
-    seeds = tuple(dict.fromkeys(chosen.seeds))
-    run(Plan(chosen.frames, seeds, chosen.out.resolve(), chosen.results, tuple(chosen.set)))
+    parser = command(NAME, __doc__, "out", "results", "set")
+    add, steps = parser.add_argument, "environment steps of each training run"
+    add("--frames", type=at_least(1), default=20_000_000, help=steps)
+    add("--seeds", type=at_least(0), nargs="+", default=[0, 1, 2], help="training seeds")
+    run(Plan(**vars(parser.parse_args(arguments))))
 
 
 if __name__ == "__main__":

@@ -24,7 +24,6 @@ from sim2real.runs.files import write_text
 from sim2real.runs.statistics import Interval
 from sim2real.runs.tables import Table
 
-RESULTS = Path(__file__).parent / "results"
 NAME = "identify_methods"
 EPISODES, SEED = 8, 0
 TRUTH = {"link_mass.torso": 6.5, "ground_friction": 1.8}  # kg, coefficient
@@ -122,21 +121,16 @@ def draw(answers: Mapping[str, Answer], path: Path) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and run; return the exit status."""
-    parser = command("identify_methods", __doc__)
-    add = parser.add_argument
-    add("--methods", nargs="+", default=list(METHODS), choices=METHODS, help="default: all")
-    add("--out", type=Path, default=Path("outputs/bench_long") / NAME, help="folder of the runs")
-    add("--results", type=Path, default=RESULTS, help="folder of table and picture")
+    parser = command(NAME, __doc__, "out", "results")
+    parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=METHODS)
     chosen = parser.parse_args(arguments)
     out = chosen.out.resolve()
     out.mkdir(parents=True, exist_ok=True)
     if not record(out):
         return 1
     answers = {method: ask(method, out) for method in chosen.methods}
-    chosen.results.mkdir(parents=True, exist_ok=True)
     made = table(answers)
-    write_text(chosen.results / f"{NAME}.md", made.markdown())
-    write_text(chosen.results / f"{NAME}.csv", made.csv())
+    made.write(chosen.results / NAME)
     draw(answers, chosen.results / f"{NAME}.png")
     print(made.markdown())
     return 0

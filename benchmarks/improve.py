@@ -18,12 +18,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
-import numpy as np
-
 from benchmarks import study
-from benchmarks.study import command
+from benchmarks.cases import over_runs
+from benchmarks.study import at_least, command
 from sim2real.config.compose import compose, instantiate
 from sim2real.deployment import deploy
 from sim2real.deployment.stops import make_stop_limits
@@ -34,11 +34,9 @@ from sim2real.loops.improve.steps import learn
 from sim2real.loops.improve.story import RESULT
 from sim2real.runs.checkpoint import FOLDER, find, read_metadata
 from sim2real.runs.files import folder_lock, write_text
-from sim2real.runs.statistics import Interval, bootstrap, iqm
+from sim2real.runs.statistics import Interval, iqm
 from sim2real.runs.tables import Table
 
-RESULTS = Path(__file__).parent / "results"
-OUT = Path("outputs/bench_long/improve")
 SHIFTS = Path(__file__).parents[1] / "conf" / "shift"
 WORLDS = {
     "hopper2": ("hopper2_mass", "hopper2_soft", "hopper2_slow"),
@@ -48,7 +46,6 @@ ITERATIONS = {"hopper2": 30, "quad8": 20}  # that each round adds
 STOPS = "stops={odd_voltage: 1.0, stray: 2.0}"  # a hidden effect must not stop the robot
 SHORT = ("rounds=3", "trials=10", "rollouts=16", STOPS)
 ASKED = 0.7  # of the gap, that is to be closed
-DRAWS = 10_000  # resamples of an interval
 
 
 @dataclass(frozen=True)
@@ -86,17 +83,13 @@ class Case:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, run what is left and keep the table; return the exit status."""
-    parser = command("improve", __doc__)
+    parser = command("improve", __doc__, "out", "results")
     add = parser.add_argument
     add("--robots", nargs="+", choices=list(WORLDS), default=list(WORLDS), help="default: both")
-    add("--seeds", type=int, nargs="+", default=[0, 1], help="default: 0 and 1")
-    add("--most", type=int, help="loops to run now; 0 writes the table only")
-    add("--out", type=Path, default=OUT, help="folder of the loops")
-    add("--results", type=Path, default=RESULTS, help="folder of the table")
+    add("--seeds", type=at_least(0), nargs="+", default=[0, 1], help="default: 0 and 1")
+    add("--most", type=at_least(0), help="loops to run now; 0 writes the table only")
     chosen = parser.parse_args(arguments)
-    if min(chosen.seeds) < 0 or (chosen.most or 0) < 0:
-        parser.error("--seeds and --most must not be negative")
-    every = cases(chosen.robots, chosen.seeds, chosen.out.resolve())
+    every = cases(chosen.robots, chosen.seeds, chosen.out)
     left = [case for case in every if not case.result.is_file()]
     failed = 0
     for case in left[: chosen.most]:
@@ -213,19 +206,18 @@ def table(done: Sequence[dict[str, Any]], complete: bool) -> Table:
         share = closed(one)
         shares += [] if share is None else [share]
         rounds, last = one["rounds"], one["rounds"][-1]
-        returns = [mean(rounds[0]["simulator"]), mean(rounds[0]["robot"]), improved(one)]
+        returns = [fmean(rounds[0]["simulator"]), fmean(rounds[0]["robot"]), improved(one)]
         found = ", ".join(f"{c['label']} {c['value']:.3g}" for c in last["causes"]) or "–"
         ends = (len(rounds) - 1, share, found, one["words"])
-        made.add(one["world"], str(one["seed"]), *returns, mean(one["best_possible"]), *ends)
+        made.add(one["world"], str(one["seed"]), *returns, fmean(one["best_possible"]), *ends)
     made.notes.append(
         f"Returns: means of {len(done[0]['best_possible'])} episodes on the emulated robot, in the "
         "simulator as given for the first. Gap closed = (improved - as given) / (best possible "
         "- as given); best possible: trained on with what is hidden, for as many iterations."
     )
     if len(shares) > 1:
-        rng = np.random.default_rng(0)
-        values = np.array(shares)[:, None]
-        whole: Interval = bootstrap(values, iqm, rng, draws=DRAWS, resample="rows")
+        whole = over_runs(shares, iqm)
+        assert isinstance(whole, Interval)
         answer = "reached" if whole.value >= ASKED else "missed"
         answer = answer if complete else "open until all loops are done"
         made.notes.append(
@@ -238,20 +230,15 @@ def table(done: Sequence[dict[str, Any]], complete: bool) -> Table:
 
 def improved(one: dict[str, Any]) -> float:
     """Return what the best policy of a loop earns on the robot."""
-    return mean(one["rounds"][one["best"]]["robot"])
+    return fmean(one["rounds"][one["best"]]["robot"])
 
 
 def closed(one: dict[str, Any]) -> float | None:
     """Return the share of a loop's gap that it closed; None where there was none to close."""
-    before, most = mean(one["rounds"][0]["robot"]), mean(one["best_possible"])
+    before, most = fmean(one["rounds"][0]["robot"]), fmean(one["best_possible"])
     if (len(one["rounds"]) == 1 and one["end"] == "within_noise") or most <= before:
         return None
     return (improved(one) - before) / (most - before)
-
-
-def mean(values: Sequence[float]) -> float:
-    """Return the mean of episodes."""
-    return float(np.mean(values))
 
 
 if __name__ == "__main__":

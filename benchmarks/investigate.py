@@ -23,7 +23,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from benchmarks.study import command
+from benchmarks.study import at_least, command
 from envs.effects import load_effects
 from envs.errors import EnvsError
 from hardware.config import Robot, load_robot
@@ -43,8 +43,6 @@ from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import folder_lock, write_text
 from sim2real.runs.tables import Table
 
-RESULTS = Path(__file__).parent / "results"
-OUT = Path("outputs/bench_long/investigate")
 ROBOTS = ("bench1", "arm2")
 FIRST = Item("slow ramps", ("ramp",), 6.0, 0.3)
 BUDGET = 62.0  # s: the first log and as long as the menu's seven motions without a hand
@@ -54,15 +52,12 @@ TRIES = 12  # draws for each robot whose first log is to leave something open
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, investigate what is left of the robots and keep the table."""
-    parser = command("investigate", __doc__)
-    parser.add_argument("--robots", type=int, default=20, help="in all (default: %(default)s)")
-    parser.add_argument("--seed", type=int, default=11, help="of their draw (default: %(default)s)")
-    parser.add_argument("--most", type=int, help="robots to do now; 0 writes the table only")
-    parser.add_argument("--out", type=Path, default=OUT, help="folder of the robots' results")
-    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of what is kept")
+    parser = command("investigate", __doc__, "out", "results")
+    add = parser.add_argument
+    add("--robots", type=at_least(1), default=20, help="in all (default: %(default)s)")
+    add("--seed", type=int, default=11, help="of their draw (default: %(default)s)")
+    add("--most", type=at_least(0), help="robots to do now; 0 writes the table only")
     chosen = parser.parse_args(arguments)
-    if chosen.robots < 1 or (chosen.most or 0) < 0:
-        parser.error("--robots must be at least 1, and --most not negative")
     files = [chosen.out / f"{chosen.seed}_{number:03d}.json" for number in range(chosen.robots)]
     left = [number for number, file in enumerate(files) if not file.is_file()]
     for number in left[: chosen.most]:

@@ -7,17 +7,16 @@ which the engine changed. Each was drawn anew and opened once, so that none of i
 before.
 """
 
-import csv
 import sys
-from collections.abc import Iterable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
+from benchmarks.cases import Row, read_csv
+from benchmarks.explained import is_explained
 from benchmarks.study import command
 from sim2real.exam.score import wilson
 from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
 
-RESULTS = Path(__file__).parent / "results"
 EXAMS = {  # by title: robots that MuJoCo moves, and robots that Drake moves
     "Release 0.2.0": (("blindcheck_2056.csv",), ("thirdparty_60.csv",)),
     "Versions before it": (
@@ -28,16 +27,7 @@ EXAMS = {  # by title: robots that MuJoCo moves, and robots that Drake moves
 HIDDEN = ("one", "two")  # kinds of cases that hide what can be named
 
 
-def read(folder: Path, names: Iterable[str]) -> list[dict[str, str]]:
-    """Return the cases of some tables, each with its columns."""
-    found = []
-    for name in names:
-        with (folder / name).open(encoding="utf-8", newline="") as file:
-            found += csv.DictReader(file)
-    return found
-
-
-def table_of(own: Sequence[dict[str, str]], other: Sequence[dict[str, str]]) -> Table:
+def table_of(own: Sequence[Row], other: Sequence[Row]) -> Table:
     """Return how many answers to each question were so, with 95 % intervals."""
     called = [row for row in other if is_explained(row)]
     questions = {
@@ -58,15 +48,9 @@ def table_of(own: Sequence[dict[str, str]], other: Sequence[dict[str, str]]) -> 
     return table
 
 
-def is_explained(row: dict[str, str]) -> bool:
-    """Return whether a case's answer is called explained."""
-    return row["answer"].startswith("explained: ")
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Count, print, and keep what was counted."""
-    parser = command("likelihood", __doc__)
-    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the tables")
+    parser = command("likelihood", __doc__, "results")
     folder = parser.parse_args(arguments).results
     names = [name for exams in EXAMS.values() for name in sum(exams, ())]
     missing = [name for name in names if not (folder / name).is_file()]
@@ -75,7 +59,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     text = "# Fresh exams of one likelihood\n\n`python -m benchmarks.likelihood`. "
     text += "Brackets: 95 % intervals.\n"
     for title, (own, other) in EXAMS.items():
-        table = table_of(read(folder, own), read(folder, other)).markdown()
+        cases = ([r for name in names for r in read_csv(folder / name)] for names in (own, other))
+        table = table_of(*cases).markdown()
         text += f"\n## {title}\n\nOf `{'`, `'.join((*own, *other))}`.\n\n{table.rstrip()}\n"
     print(text)
     write_text(folder / "likelihood.md", text)

@@ -16,14 +16,14 @@ PROC = Path("/proc")
 TICKS = os.sysconf("SC_CLK_TCK")  # clock ticks a second, the unit of /proc's times
 
 
-def process_tree(root: int | None = None) -> list[int]:
-    """Return a process (default: this one) and all its descendants that live."""
+def process_tree() -> list[int]:
+    """Return this process and all its descendants that live."""
     parents: dict[int, list[int]] = {}
     for entry in PROC.glob("[0-9]*/stat"):
         fields = _stat(entry)
         if fields:
             parents.setdefault(int(fields[1]), []).append(int(entry.parent.name))
-    tree = [root or os.getpid()]
+    tree = [os.getpid()]
     for pid in tree:
         tree += parents.get(pid, [])
     return tree

@@ -9,13 +9,12 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
-import numpy as np
-
+from benchmarks.cases import over_runs
 from benchmarks.speed import BUSY, Measured
 from sim2real.runs import statistics
 from sim2real.runs.figures import AFTER, BEFORE, FLOOR, INK, figure
 from sim2real.runs.files import write_text
-from sim2real.runs.statistics import FEW, bootstrap
+from sim2real.runs.statistics import FEW, Interval
 
 
 class Threshold(NamedTuple):
@@ -57,9 +56,8 @@ THRESHOLDS = (
     Threshold("pixels_rays", "pixels_gymenv", 100.0, 150.0),
     Threshold("fit", "fit_sysid", None, 3.0),
 )
-LIMITS: dict[
-    str, tuple[float, float | None]
-] = {  # the seconds that a run of a row must and should take at most
+# the seconds that a run of a row must and should take at most
+LIMITS: dict[str, tuple[float, float | None]] = {
     "diagnose_3_joints": (40.0, 15.0),
     "diagnose_6_joints": (100.0, 45.0),
     "contract": (20.0, 5.0),
@@ -231,11 +229,8 @@ def _median(values: Sequence[float]) -> float | None:
 
 def _interval(values: Sequence[float]) -> str:
     """Return the bootstrap interval of a median; nothing for fewer rounds than it takes."""
-    if len(values) < FEW:
-        return ""
-    column, rng = np.array(values)[:, None], np.random.default_rng(0)
-    found = bootstrap(column, statistics.median, rng, draws=10_000, resample="rows")
-    return f"{found.low:.3g} to {found.high:.3g}"
+    found = over_runs(values, statistics.median) if len(values) >= FEW else None
+    return f"{found.low:.3g} to {found.high:.3g}" if isinstance(found, Interval) else ""
 
 
 def _number(value: float | None, digits: int, scale: float = 1.0) -> str:

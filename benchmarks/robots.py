@@ -12,7 +12,6 @@ Each run has a folder of its own: what is complete is skipped, what was interrup
 Several of these programs may run at once and share the work.
 """
 
-import csv
 import json
 import resource
 import shutil
@@ -21,9 +20,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean
 
+from benchmarks.cases import read_csv
 from benchmarks.robots_report import Figures, write
-from benchmarks.study import command, folder_lock, sim2real, trained
+from benchmarks.study import at_least, command, folder_lock, sim2real, trained
 from hardware.errors import HardwareError
 from sim2real.config.compose import compose, instantiate
 from sim2real.evaluation.transfer import read
@@ -31,7 +32,6 @@ from sim2real.runs.checkpoint import find, read_metadata
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
 
-RESULTS = Path(__file__).parent / "results"
 ROBOTS = ("quad8", "hopper2")
 TRIALS = 5  # episodes on the bus before, and after adapting
 MORE = 20  # iterations of ES-MAML after those of plain evolution strategies
@@ -73,11 +73,11 @@ TRAININGS = tuple(training for round in ROUNDS for training in round)
 class Plan:
     """What to run and where."""
 
-    robots: tuple[str, ...]  # their names
-    seeds: tuple[int, ...]  # of training
+    robots: Sequence[str]  # their names
+    seeds: Sequence[int]  # of training
     out: Path  # folder of the runs
     results: Path  # folder of the tables and the picture
-    overrides: tuple[str, ...] = ()  # further settings of every training
+    overrides: Sequence[str] = ()  # further settings of every training
 
     def folder(self, robot: str, seed: int, name: str) -> Path:
         """Return the folder of a training, or of a policy's time on the bus."""
@@ -206,15 +206,9 @@ def phases(folder: Path) -> dict[str, list[float]] | None:
     if not (folder / "table.csv").is_file():
         return None
     found: dict[str, list[float]] = {}
-    with (folder / "returns.csv").open(encoding="utf-8", newline="") as file:
-        for row in csv.DictReader(file):
-            found.setdefault(row["phase"], []).append(float(row["return"]))
+    for row in read_csv(folder / "returns.csv"):
+        found.setdefault(row["phase"], []).append(float(row["return"]))
     return found
-
-
-def mean(values: Sequence[float]) -> float:
-    """Return the mean."""
-    return sum(values) / len(values)
 
 
 def gather(plan: Plan, robot: str, seed: int) -> dict[str, float]:
@@ -232,12 +226,12 @@ def gather(plan: Plan, robot: str, seed: int) -> dict[str, float]:
                 figures[f"{name}.in_{world}"] = float(scores.returns[world].mean())
         told = phases(plan.folder(robot, seed, f"bus_{name}"))
         if told:
-            figures[f"{name}.on_bus"] = mean(told["as trained"])
+            figures[f"{name}.on_bus"] = fmean(told["as trained"])
     for shift in SHIFTS[robot]:
         told = phases(plan.folder(robot, seed, f"bus_esmaml_{shift}"))
         if told:
-            figures[f"{shift}.before"] = mean(told["as trained"])
-            figures[f"{shift}.after"] = mean(told["adapted"])
+            figures[f"{shift}.before"] = fmean(told["as trained"])
+            figures[f"{shift}.after"] = fmean(told["adapted"])
             figures[f"{shift}.episodes"] = float(len(told["adapting"]))
     return figures
 
@@ -254,25 +248,14 @@ def collect(plan: Plan) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and run; return the exit status."""
-    parser = command("robots", __doc__)
+    parser = command("robots", __doc__, "out", "results", "report", "set")
     add = parser.add_argument
     add("--robots", nargs="+", default=list(ROBOTS), choices=ROBOTS, help="default: both")
-    add("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4], help="training seeds")
-    add("--report", action="store_true", help="run nothing, write the tables")
-    add("--out", type=Path, default=Path("outputs/bench_long/robots"), help="folder of the runs")
-    add("--results", type=Path, default=RESULTS, help="folder of the tables and the picture")
-    add("--set", nargs="*", default=[], metavar="KEY=VALUE", help="settings of every training")
+    add("--seeds", type=at_least(0), nargs="+", default=[0, 1, 2, 3, 4], help="training seeds")
     chosen = parser.parse_args(arguments)
-    if min(chosen.seeds) < 0:
-        parser.error("--seeds must not be negative")
-    plan = Plan(
-        tuple(dict.fromkeys(chosen.robots)),
-        tuple(dict.fromkeys(chosen.seeds)),
-        chosen.out.resolve(),
-        chosen.results.resolve(),
-        tuple(chosen.set),
-    )
-    if chosen.report:
+    only = chosen.__dict__.pop("report")
+    plan = Plan(**vars(chosen))
+    if only:
         collect(plan)
         return 0
     return int(run(plan) > 0)

@@ -11,16 +11,16 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.cases import over_runs
 from sim2real.runs.figures import COLOURS, INK, figure
 from sim2real.runs.files import write_text
-from sim2real.runs.statistics import Interval, bootstrap, median
+from sim2real.runs.statistics import Interval, median
 from sim2real.runs.tables import Cell, Table
 
 Seed = Mapping[str, float]
 Figures = dict[str, dict[int, dict[str, float]]]  # by robot, seed and name
 
 NAME = "robots"
-DRAWS = 5000
 WORDS = {
     "servo": "ES in `servo`",
     "ideal": "ES in `ideal`",
@@ -92,10 +92,7 @@ def values_of(seeds: Mapping[int, Seed], value: Callable[[Seed], float]) -> list
 
 def estimate(values: list[float]) -> Interval | float | None:
     """Return the median with its interval over seeds, as far as there are seeds."""
-    if len(values) < 2:
-        return values[0] if values else None
-    rng = np.random.default_rng(0)
-    return bootstrap(np.array(values)[:, None], median, rng, draws=DRAWS, resample="rows")
+    return over_runs(values, median)
 
 
 def claims(found: Figures) -> Table:

@@ -16,7 +16,6 @@ explains. All rows count; a note says what is left in the others. Positions alon
 docs/explanation/evidence.md names the logs, which are not part of this project.
 """
 
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -30,8 +29,6 @@ from envs.plant import Plant
 from envs.replay import switchable
 from hardware.log import Log, read_log
 from sim2real.diagnosis.data.noise_floor import noise_floor
-from sim2real.diagnosis.diagnose import run_diagnosis
-from sim2real.diagnosis.outcome import write
 from sim2real.exam.inject import ARM, keep_joints
 from sim2real.exam.measure import residuals
 from sim2real.runs.figures import AFTER, BEFORE, FLOOR, figure
@@ -62,11 +59,7 @@ def logs_of(data: Path, names: Sequence[str], model: Path) -> list[Log]:
 def diagnose(data: Path, out: Path) -> None:
     """Diagnose the logs of FIT and write all files of the diagnosis into a folder."""
     model = write_text(out / "model.xml", keep_joints(data / "so101" / "so101.xml", ARM).to_xml())
-
-    def tell(text: str, share: float) -> None:
-        print(f"{100 * share:3.0f} %  {text}", file=sys.stderr, flush=True)
-
-    write(run_diagnosis(logs_of(data, FIT, model), model, None, (), 0, tell), out / "diagnosis")
+    real_logs.diagnose(logs_of(data, FIT, model), out / "diagnosis", model)
 
 
 def in_the_air(log: Log, model: mujoco.MjModel) -> np.ndarray:
@@ -129,7 +122,7 @@ def report(data: Path, out: Path, results: Path) -> Table:
     """Write so101.md, .csv and .png, and return the table of the joints."""
     before, after, floor, free, share = replayed(data, out)
     degrees = [np.degrees(one) for one in (before, after, floor)]
-    answer = json.loads((out / "diagnosis" / "report.json").read_text(encoding="utf-8"))
+    answer, causes = real_logs.causes(out / "diagnosis")
     first, last = real_logs.gap(answer)
     table = Table(("joint", "before (deg)", "after (deg)", "floor (deg)", "closed"))
     for i, joint in enumerate(ARM):
@@ -146,13 +139,6 @@ def report(data: Path, out: Path, results: Path) -> Table:
         "below the plane that the base stands on, by the measured positions: it touches something. "
         f"In the others {overall(np.degrees(free)):.2f} degrees are left.",
     ]
-    causes = Table(("effect", "where", "value", "unit", "closed"))
-    for cause in real_logs.values(answer):
-        low, high = cause["value_ci"]
-        value = f"{cause['value']:.3g} [{low:.2g}, {high:.2g}]"
-        causes.add(
-            cause["effect"], cause["where"] or "robot", value, cause["unit"], cause["closed"]
-        )
     causes.notes.append("Brackets: 90 % intervals. closed: of the fitted logs' gap, shares add up.")
     files = Table(("held-out log", "before (deg)", "after (deg)"))
     for number, name in enumerate(HELD_OUT):
@@ -187,7 +173,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = real_logs.arguments("so101", __doc__, "so101", arguments)
     if chosen is None:
         return 0
-    if not chosen.report and not (chosen.out / "diagnosis" / "report.json").is_file():
+    if not chosen.report:
         diagnose(chosen.data, chosen.out)
     print(report(chosen.data, chosen.out, chosen.results).markdown())
     return 0

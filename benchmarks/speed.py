@@ -133,7 +133,6 @@ def default_rows(scale: float = 1.0) -> list[Row]:
     Args:
         scale: of the work of a run; at 1 it is 2 to 5 seconds for most rows.
     """
-    from torchrl.collectors import Collector
     from torchrl.envs import GymEnv
 
     from benchmarks.rows.batched import BatchedEnv, Collected, TrainingCollected, make_env
@@ -147,23 +146,36 @@ def default_rows(scale: float = 1.0) -> list[Row]:
     from benchmarks.rows.population import ESPopulation, Evaluation, TwoProcesses
     from benchmarks.rows.walks import DiagnoseWalks, PriceCauses
     from benchmarks.world import THREADS, Gait, make_simulation
-    from sim2real.learning.collectors.fast import FastCollector
 
     def of(count: int) -> int:
         return max(1, round(count * scale))
 
+    def batched(gait: Gait, end: str = "") -> list[Row]:
+        """Return environments of two sizes, each behind the bare physics of what it does."""
+        raw, large_raw = f"raw_physics{end}", f"raw_physics_n1024{end}"
+        small = BatchedEnv(f"batched_env_n256{end}", 256, of(256), gait, raw)
+        large = BatchedEnv(f"batched_env_n1024{end}", 1024, of(80), gait, large_raw)
+        first = RawPhysics(raw, 256, small.record, THREADS, "raw_physics" if end else None)
+        return [first, small, RawPhysics(large_raw, 1024, large.record, THREADS), large]
+
+    def episodes(gait: Gait, each: int, rows: int, few: int, end: str = "") -> list[Row]:
+        """Return whole episodes by a population and by processes, behind their bare physics."""
+        job, raw = Evaluation(of(256), each, gait), f"raw_physics_es{end}"
+        return [
+            RawPhysics(raw, 256, lambda: job.tape(256), THREADS),
+            ESPopulation(f"es_population{end}", job, rows, raw),
+            TwoProcesses(f"es_two_processes_torch{end}", job, of(few), "torch", raw),
+            TwoProcesses(f"es_two_processes_numpy{end}", job, of(few), "numpy", raw),
+        ]
+
+    def ppo(name: str, amount: int, setup: str, *words: str, long: bool = False) -> Row:
+        """Return our PPO with the settings of Stable-Baselines3."""
+        return Ours(name, "ppo_sb3", "ppo_sb3", of(amount), "env steps", setup, words, long)
+
     gait: Gait = "hopping"
-    members = of(256)
-    small = BatchedEnv("batched_env_n256", 256, of(256), gait)
-    large = BatchedEnv("batched_env_n1024", 1024, of(80), gait, "raw_physics_n1024")
-    small_fresh = BatchedEnv("batched_env_n256_fresh", 256, of(256), "fresh", "raw_physics_fresh")
-    large_fresh = BatchedEnv(
-        "batched_env_n1024_fresh", 1024, of(80), "fresh", "raw_physics_n1024_fresh"
-    )
-    job, job_fresh = Evaluation(members, 1, gait), Evaluation(members, 8, "fresh")
     return [
-        RawPhysics("raw_physics", 256, small.record, THREADS, of=None),
-        small,
+        *batched(gait),
+        *batched("fresh", "_fresh"),
         EnvPool("envpool", 256, of(256), gait, f"N = 256, {THREADS} threads, torch policy on 1"),
         Collected(
             "collector",
@@ -176,26 +188,11 @@ def default_rows(scale: float = 1.0) -> list[Row]:
         ),
         TrainingCollected(
             "collector_training",
-            Collector,
             256 * of(64),
             4,
             gait,
             "the same with the transforms and the actor of the preset ppo",
         ),
-        TrainingCollected(
-            "collector_training_fast",
-            FastCollector,
-            256 * of(64),
-            4,
-            gait,
-            "the same with our collector",
-        ),
-        RawPhysics("raw_physics_n1024", 1024, large.record, THREADS),
-        large,
-        RawPhysics("raw_physics_fresh", 256, small_fresh.record, THREADS),
-        small_fresh,
-        RawPhysics("raw_physics_n1024_fresh", 1024, large_fresh.record, THREADS),
-        large_fresh,
         GymnasiumTorch(of(8000), gait),
         Vectorized("gymnasium_vector", 8, of(1500), gait, "SyncVectorEnv of 8, 1 thread"),
         Collected(
@@ -208,54 +205,28 @@ def default_rows(scale: float = 1.0) -> list[Row]:
             "Collector over one GymEnv",
         ),
         TorchRLParallel(of(1500), gait),
-        RawPhysics("raw_physics_es", 256, lambda: job.tape(256), THREADS),
-        ESPopulation("es_population", job, 64, "raw_physics_es"),
-        TwoProcesses("es_two_processes_torch", job, of(48), "torch", "raw_physics_es"),
-        TwoProcesses("es_two_processes_numpy", job, of(48), "numpy", "raw_physics_es"),
-        RawPhysics("raw_physics_es_fresh", 256, lambda: job_fresh.tape(256), THREADS),
+        *episodes(gait, 1, 64, 48),
         # As many rows as episodes keep full: eight times the episodes, four times the rows.
-        ESPopulation("es_population_fresh", job_fresh, 256, "raw_physics_es_fresh"),
-        TwoProcesses(
-            "es_two_processes_torch_fresh", job_fresh, of(512), "torch", "raw_physics_es_fresh"
-        ),
-        TwoProcesses(
-            "es_two_processes_numpy_fresh", job_fresh, of(512), "numpy", "raw_physics_es_fresh"
-        ),
+        *episodes("fresh", 8, 256, 512, "_fresh"),
         StableBaselines3("ppo_sb3", "PPO", of(4096)),
-        Ours(
+        ppo(
             "ppo_same_schedule",
-            "ppo_sb3",
-            "ppo_sb3",
-            of(24_000),
-            "env steps",
+            24_000,
             "16 rows, 2048 steps, minibatches of 64, 10 epochs, all fast parts",
-            FAST,
+            *FAST,
         ),
-        Ours(
+        ppo(
             "ppo_fast_loss",
-            "ppo_sb3",
-            "ppo_sb3",
-            of(12_000),
-            "env steps",
+            12_000,
             "the same, TorchRL's collector, buffer and optimizer with our loss",
-            ("loss=fast_clip_ppo",),
+            "loss=fast_clip_ppo",
         ),
-        Ours(
-            "ppo_clip_loss",
-            "ppo_sb3",
-            "ppo_sb3",
-            of(6_000),
-            "env steps",
-            "the same, all parts TorchRL's",
-        ),
-        Ours(
+        ppo("ppo_clip_loss", 6_000, "the same, all parts TorchRL's"),
+        ppo(
             "ppo_clip_loss_compiled",
-            "ppo_sb3",
-            "ppo_sb3",
-            of(6_000),
-            "env steps",
+            6_000,
             "the same, the loss compiled beforehand",
-            ("loss=clip_ppo_compiled",),
+            "loss=clip_ppo_compiled",
             long=True,
         ),
         Ours("ppo_tuned", "ppo", "ppo_sb3", of(48_000), "env steps", "the preset ppo"),

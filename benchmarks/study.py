@@ -10,7 +10,7 @@ same plan at once and share the work.
 import argparse
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import folder_lock
 
 RESULTS = Path(__file__).parent / "results"
+RUNS = Path("outputs/bench_long")  # folders of runs are below it
 SIGNALLED = 128  # exit statuses above are those of a job that was told to stop
 
 
@@ -43,12 +44,12 @@ class Plan:
     """What to run and where."""
 
     rounds: Rounds  # the study's rows, those of a round side by side, one round after another
-    rows: tuple[str, ...]  # names of those that are wanted
-    seeds: tuple[int, ...] | None  # of training; None for as many as each row has
+    rows: Sequence[str]  # names of those that are wanted
+    seeds: Sequence[int] | None  # of training; None for as many as each row has
     out: Path  # folder of the runs
     results: Path  # folder of the report
     frames: int | None = None  # environment steps of every run instead of its own; None for its own
-    overrides: tuple[str, ...] = ()  # further settings of every run
+    overrides: Sequence[str] = ()  # further settings of every run
 
     def folder(self, row: Row, seed: int) -> Path:
         """Return a run's folder."""
@@ -159,13 +160,46 @@ def sim2real(*arguments: str) -> bool:
     return status == 0
 
 
-def command(name: str, text: str | None) -> argparse.ArgumentParser:
-    """Return the parser of a benchmark's command line; `text` is what `--help` says."""
-    return argparse.ArgumentParser(
+def at_least(least: int) -> Callable[[str], int]:
+    """Return the type of an option that is a whole number, and not less than another."""
+
+    def number(text: str) -> int:
+        if int(text) < least:
+            raise argparse.ArgumentTypeError(f"{text} must be at least {least}")
+        return int(text)
+
+    return number
+
+
+def command(name: str, text: str | None, *options: str) -> argparse.ArgumentParser:
+    """Return the parser of a benchmark's command line.
+
+    Args:
+        name: of its module.
+        text: what `--help` says.
+        options: usual ones that it has: "out", the folder of its runs; "results", that of what is
+            kept; "report", to write tables alone; "set", settings of every run.
+    """
+    parser = argparse.ArgumentParser(
         prog=f"python -m benchmarks.{name}",
         description=text,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    add = parser.add_argument
+    if "out" in options:
+        add("--out", type=_absolute, default=str(RUNS / name), help="folder of the runs")
+    if "results" in options:
+        add("--results", type=_absolute, default=str(RESULTS), help="folder of what is kept")
+    if "report" in options:
+        add("--report", action="store_true", help="run nothing, write the tables of what there is")
+    if "set" in options:
+        text = "settings of every training"
+        add("--set", nargs="*", default=[], metavar="KEY=VALUE", dest="overrides", help=text)
+    return parser
+
+
+def _absolute(path: str) -> Path:
+    return Path(path).resolve()
 
 
 @dataclass(frozen=True)
@@ -184,32 +218,21 @@ class Study:
 
     def main(self, arguments: Sequence[str] | None = None) -> int:
         """Read the command line and run; return the exit status."""
-        parser = command(self.name, self.text)
+        parser = command(self.name, self.text, "out", "results", "report", "set")
+        parser.set_defaults(results=RESULTS / self.name)
         add, rows = parser.add_argument, ", ".join(self.rows)
         usual = [name for name in self.rows if name not in self.slow]
         less = f" but {' and '.join(self.slow)}, which take hours each" if self.slow else ""
         text = f"of: {rows}; default: all{less}"
         add("--rows", nargs="+", default=usual, metavar="ROW", help=text)
-        add("--seeds", type=int, nargs="+", help="training seeds; default: each row's own")
-        add("--frames", type=int, help="environment steps of every run; default: each row's own")
-        add("--report", action="store_true", help="train nothing, write the report")
-        out, results = Path("outputs/bench_long") / self.name, RESULTS / self.name
-        add("--out", type=Path, default=out, help="folder of the runs")
-        add("--results", type=Path, default=results, help="folder of the tables and pictures")
-        add("--set", nargs="*", default=[], metavar="KEY=VALUE", help="settings of every run")
+        text = "training seeds; default: each row's own"
+        add("--seeds", type=at_least(0), nargs="+", help=text)
+        text = "environment steps of every run; default: each row's own"
+        add("--frames", type=at_least(1), help=text)
         chosen = parser.parse_args(arguments)
         unknown = [name for name in chosen.rows if name not in self.rows]
         if unknown:
             parser.error(f"no row {unknown[0]!r}; there are: {rows}")
-        if min(chosen.seeds or [0]) < 0 or (chosen.frames or 1) < 1:
-            parser.error("--seeds must not be negative and --frames at least 1")
-        plan = Plan(
-            self.rounds,
-            tuple(chosen.rows),
-            None if chosen.seeds is None else tuple(dict.fromkeys(chosen.seeds)),
-            chosen.out.resolve(),
-            chosen.results.resolve(),
-            chosen.frames,
-            tuple(chosen.set),
-        )
-        return int(not report(plan) if chosen.report else run(plan) > 0)
+        only = chosen.__dict__.pop("report")
+        plan = Plan(self.rounds, **vars(chosen))
+        return int(not report(plan) if only else run(plan) > 0)

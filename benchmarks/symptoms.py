@@ -10,7 +10,6 @@ of the recorded commands with and without the effect, and the errors of both. Th
 hidden one, which the emulator computes by its own equations: no picture depends on a diagnosis.
 """
 
-import argparse
 import os
 import re
 import subprocess
@@ -23,6 +22,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from benchmarks.study import command
 from envs.effects import load_effects
 from hardware.files import atomic_write
 from hardware.log import read_log
@@ -105,7 +105,7 @@ def draw(before: Gap, after: Gap, path: Path) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make the pictures that are asked for."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = command("symptoms", __doc__)
     parser.add_argument("names", nargs="*", help="names of recordings; all if omitted")
     known = examples()
     names = parser.parse_args(arguments).names or list(known)

@@ -14,22 +14,20 @@ noise. The "steps" rows spend the same 51 to 55 episodes on rules that change th
 steps, or run the incumbent again in each round.
 """
 
-import argparse
-import csv
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
 
-from benchmarks.cases import read_csv
+from benchmarks.cases import over_runs, read_csv, write_csv
+from benchmarks.study import command
 from envs.rows import Rows
 from envs.toys import Corners, FourCorners, Nav2D, NavGoals, NoisyNav2D, ToyEnv
-from hardware.files import atomic_write
 from sim2real.learning.adapt import Adaptation, GradientAdaptation, HillClimb, NoAdaptation
 from sim2real.learning.adapt.hillclimb import Mode
 from sim2real.learning.algorithms.base import Components
@@ -37,9 +35,8 @@ from sim2real.learning.algorithms.esmaml import ESMAML, ESMAMLSettings
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.modules.mlp_policy import mlp_policy
 from sim2real.learning.population.population import evaluate_adaptation
-from sim2real.runs.statistics import Interval, bootstrap, mean
+from sim2real.runs.tables import Table
 
-RESULTS = Path(__file__).parent / "results" / "toys.csv"
 TEST_TASKS = 500
 POLICY = partial(mlp_policy, hidden=(), activation="tanh", output="linear", initial="zero")
 TRAINING: dict[str, Any] = {
@@ -176,81 +173,53 @@ def score(algorithm: ESMAML, experiment: Experiment) -> tuple[float, float]:
     return float(scores.before.mean()), float(scores.after.mean())
 
 
-def table(rows: list[dict[str, Any]]) -> Iterator[str]:
-    """Return the Markdown table: means over seeds with bootstrap intervals, and the gaps."""
-    rng = np.random.default_rng(0)
-    yield "| task | adaptation | before | after | gain | above the next | CPU s |"
-    yield "|---|---|---|---|---|---|---|"
+def table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Return means over seeds with bootstrap intervals, and the gaps to the next operator."""
+    made = Table(("task", "adaptation", "before", "after", "gain", "above the next", "CPU s"))
     for name, experiment in EXPERIMENTS.items():
-        mine = [row for row in rows if row["experiment"] == name]
-        columns = {
-            operator: sorted((r for r in mine if r["operator"] == operator), key=_seed)
-            for operator in experiment.operators
-        }
-        columns = {operator: found for operator, found in columns.items() if len(found) > 1}
-        for operator, found in columns.items():
-            following = [other for other in columns if other != operator]
-            rest = following[list(columns).index(operator) :]
-            gap = ""
-            if rest and len(columns[rest[0]]) == len(found):
-                paired = _column(found, "after") - _column(columns[rest[0]], "after")
-                gap = _show(bootstrap(paired, mean, rng, draws=5000, resample="rows"))
-            scores = [_column(found, "before"), _column(found, "after")]
-            before, after, gain = (
-                _show(bootstrap(values, mean, rng, draws=5000, resample="rows"))
-                for values in (*scores, scores[1] - scores[0])
-            )
-            seconds = _column(found, "cpu_seconds").mean()
-            cells = (name, operator, before, f"**{after}**", gain, gap, f"{seconds:.0f}")
-            yield f"| {' | '.join(cells)} |"
+        columns: dict[str, np.ndarray] = {}  # before, after and seconds of each seed, (3, seeds)
+        for operator in experiment.operators:
+            own = [r for r in rows if (r["experiment"], r["operator"]) == (name, operator)]
+            own = sorted(own, key=lambda row: int(row["seed"]))
+            keys = ("before", "after", "cpu_seconds")
+            if len(own) > 1:
+                columns[operator] = np.array([[float(row[key]) for row in own] for key in keys])
+        following = [*columns.values()][1:]
+        for (operator, own), rest in zip_longest(columns.items(), following):
+            before, after, seconds = own
+            gap = None
+            if rest is not None and rest.shape == own.shape:
+                gap = over_runs(after - rest[1])
+            scores = (over_runs(before), over_runs(after), over_runs(after - before))
+            made.add(name, operator, *scores, gap, float(seconds.mean()))
+    return made
 
 
-def _seed(row: dict[str, Any]) -> int:
-    return int(row["seed"])
-
-
-def _column(rows: list[dict[str, Any]], key: str) -> np.ndarray:
-    return np.array([[float(row[key])] for row in rows])  # (seeds, 1)
-
-
-def _show(interval: Interval) -> str:
-    return f"{interval.value:.1f} [{interval.low:.1f}, {interval.high:.1f}]"
-
-
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run what is asked for, write the CSV and print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
+    parser = command("toys", __doc__, "results")
     parser.add_argument("--seeds", type=int, default=5, help="training seeds, 0 … n - 1")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--only", default="", help="experiments whose name contains this")
-    parser.add_argument("--out", type=Path, default=RESULTS, help="the CSV file")
-    arguments = parser.parse_args()
-    rows: list[dict[str, Any]] = [*read_csv(arguments.out)]
+    chosen = parser.parse_args(arguments)
+    path = chosen.results / "toys.csv"
+    rows: list[dict[str, Any]] = [*read_csv(path)]
     done = {(row["experiment"], row["operator"], int(row["seed"])) for row in rows}
     work = [
         (name, operator, seed)
-        for seed in range(arguments.seeds)
+        for seed in range(chosen.seeds)
         for name, experiment in EXPERIMENTS.items()
-        if arguments.only in name
+        if chosen.only in name
         for operator in experiment.operators
         if (name, operator, seed) not in done
     ]
-    with ProcessPoolExecutor(arguments.jobs) as pool:
+    with ProcessPoolExecutor(chosen.jobs) as pool:
         for row in pool.map(run, *zip(*work, strict=True)) if work else ():
             rows.append(row)
-            write(arguments.out, rows)
-    print("\n".join(table(rows)))
-
-
-def write(path: Path, rows: list[dict[str, Any]]) -> None:
-    """Write a CSV file atomically."""
-    with atomic_write(path) as part, part.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+            write_csv(path, rows)
+    print(table(rows).markdown())
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    raise SystemExit(main())

@@ -8,8 +8,6 @@ other. Each row goes into results/wide.csv with command, versions, processor and
 were measured before stay, those measured again are replaced.
 """
 
-import csv
-import io
 import platform
 import sys
 import time
@@ -25,7 +23,9 @@ import numpy as np
 import psutil
 import torch
 
+from benchmarks.cases import read_csv, write_csv
 from benchmarks.rows.population import Evaluation
+from benchmarks.study import RESULTS
 from benchmarks.world import Gait, make_tasks
 from envs.mujoco import MujocoEnv
 from envs.tasks import Hopper
@@ -36,10 +36,9 @@ from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.population.population import Population
 from sim2real.runs.files import write_text
 
-RESULTS = Path(__file__).parent / "results" / "wide.csv"
-SHARDS, RETURNS = RESULTS.with_name("shards.csv"), RESULTS.with_name("ppo_wide.csv")
-COLUMNS = ("row", "value", "reference", "ratio", "unit", "cores", "card", "versions", "command")
+WIDE, SHARDS, RETURNS = (RESULTS / f"{name}.csv" for name in ("wide", "shards", "ppo_wide"))
 SPLITS = (1, 2, 4, 8, 16)  # shards, with the cores' threads between them
+SECONDS, STEPS = 12.0, 30  # of a training's rate, and of the bare graph's
 HIDDEN = 64  # of both layers of the acting policy
 JOBS: tuple[tuple[Gait, int, int], ...] = (  # policy, members, rows
     ("hopping", 512, 1024),
@@ -54,21 +53,21 @@ def cores() -> int:
     return len(psutil.Process().cpu_affinity()) if psutil.LINUX else psutil.cpu_count() or 1
 
 
+def population_rate(job: Evaluation, rows: int, count: int) -> float:
+    """Return the steps a second of whole episodes in a number of shards over the cores."""
+    world: Any = partial(MujocoEnv, task=Hopper())
+    made = make_shards(EnvironmentFactory(world, make_tasks()), rows, count)
+    population = Population(made, job.controller.policy, 8)
+    begun = time.perf_counter()
+    frames = population.run(job.members(), job.controller.normalizer()).frames
+    return frames / (time.perf_counter() - begun)
+
+
 def es() -> Iterator[Row]:
     """Yield whole episodes of 512 members in the layout that is chosen and in the best one."""
-    job = Evaluation(512, 1, "hopping")
-    world: Any = partial(MujocoEnv, task=Hopper())
-    rows, there = 256, cores()
-
-    def rate(shards: int) -> float:
-        made = make_shards(EnvironmentFactory(world, make_tasks()), rows, shards)
-        population = Population(made, job.controller.policy, 8)
-        begun = time.perf_counter()
-        frames = population.run(job.members(), job.controller.normalizer()).frames
-        return frames / (time.perf_counter() - begun)
-
-    rate(1)  # warm
-    rates = {shards: rate(shards) for shards in SPLITS if shards <= there}
+    job, rows, there = Evaluation(512, 1, "hopping"), 256, cores()
+    population_rate(job, rows, 1)  # warm
+    rates = {split: population_rate(job, rows, split) for split in SPLITS if split <= there}
     best = max(rates.values())
     yield "es_population / best split", rates[layout(rows, there)[0]], best, "steps/s"
     yield "es_population, best split / a shard a core", best, rates[max(rates)], "steps/s"
@@ -77,15 +76,10 @@ def es() -> Iterator[Row]:
 def shards() -> Iterator[Row]:
     """Write the rates of all splits of three jobs over the cores of this process."""
     lines = ["cores,policy,members,rows,shards,threads,steps_per_s"]
-    world: Any = partial(MujocoEnv, task=Hopper())
     for gait, members, rows in JOBS:
         job = Evaluation(members, 1, gait)
         for count in (split for split in SPLITS if split <= cores()):
-            made = make_shards(EnvironmentFactory(world, make_tasks()), rows, count)
-            population = Population(made, job.controller.policy, 8)
-            begun = time.perf_counter()
-            frames = population.run(job.members(), job.controller.normalizer()).frames
-            rate = round(frames / (time.perf_counter() - begun))
+            rate = round(population_rate(job, rows, count))
             lines.append(f"{cores()},{gait},{members},{rows},{count},{cores() // count},{rate}")
     write_text(SHARDS, "\n".join(lines) + "\n")
     yield from ()
@@ -124,14 +118,14 @@ def learner_of(*overrides: str, base: Any = None) -> Any:
     return build(given["algorithm"], parts)
 
 
-def ppo_rate(preset: str, task: Task, device: str, physics: str, seconds: float = 12.0) -> float:
+def ppo_rate(preset: str, task: Task, device: str, physics: str) -> float:
     """Return the steps a second of a preset's iterations, the first two left out."""
     base = partial(MujocoEnv, task=task, physics=physics)
     learner = learner_of(f"algorithm={preset}", f"device={device}", base=base)
     for _ in range(2):
         learner.iterate()
     first, begun = learner.frames, time.perf_counter()
-    while time.perf_counter() - begun < seconds:
+    while time.perf_counter() - begun < SECONDS:
         learner.iterate()
     return (learner.frames - first) / (time.perf_counter() - begun)
 
@@ -181,16 +175,16 @@ def timed(work: Callable[[], None]) -> float:
     return 1.0 / (time.perf_counter() - begun)
 
 
-def raw_rate(env: MujocoEnv, steps: int = 30) -> float:
+def raw_rate(env: MujocoEnv) -> float:
     """Return the steps a second of the engine's graph alone."""
     plant, skip = env.simulation.plant, env.simulation.task.frame_skip
     plant.physics.step(None, skip)
 
     def go() -> None:
-        for _ in range(steps):
+        for _ in range(STEPS):
             plant.physics.step(None, skip)
 
-    return timed(go) * steps * env.batch_size[0]
+    return timed(go) * STEPS * env.batch_size[0]
 
 
 def hopper() -> Iterator[Row]:
@@ -250,16 +244,8 @@ def record(found: Row, part: str) -> None:
         "versions": f"mujoco={mujoco.__version__} {versions}",
         "command": f"python -m benchmarks.wide {part}",
     }
-    rows: dict[tuple[str, str], dict[str, str]] = {}
-    if RESULTS.is_file():
-        with RESULTS.open(encoding="utf-8", newline="") as file:
-            rows = {(row["row"], row["card"]): row for row in csv.DictReader(file)}
-    rows[name, card] = line
-    text = io.StringIO()
-    writer: Any = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows.values())
-    write_text(RESULTS, text.getvalue())
+    rows = {(row["row"], row["card"]): row for row in read_csv(WIDE)} | {(name, card): line}
+    write_csv(WIDE, rows.values())
     print(f"{name}: {value:.5g} / {reference:.5g} = {value / reference:.3g}", flush=True)
 
 

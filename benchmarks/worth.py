@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from scipy.stats import spearmanr
 
-from benchmarks.cases import Cases, share
-from benchmarks.improve import OUT, Case, trained
-from benchmarks.study import command
+from benchmarks.cases import DRAWS, Cases, over_runs, share
+from benchmarks.improve import Case, trained
+from benchmarks.study import RUNS, at_least, command
 from envs.effects import make
 from hardware.backends import ServoBackend
 from hardware.config import Robot, load_robot
@@ -35,17 +35,15 @@ from sim2real.deployment.trained import load_policy
 from sim2real.evaluation.cause_costs import Cause, CoalitionRollouts, compute_cause_costs
 from sim2real.learning.trained import TrainedPolicy
 from sim2real.runs.files import write_text
-from sim2real.runs.statistics import Interval, bootstrap, mean
+from sim2real.runs.statistics import Interval
 from sim2real.runs.tables import Table
 
-RESULTS = Path(__file__).parent / "results"
 ROBOTS = ("quad8", "hopper2")
 POLICIES = 2  # trained with as many seeds
 EPISODES = {"quad8": 12, "hopper2": 32}  # on each robot: the hopper falls now and then
 ROLLOUTS = 64  # of each subset, in simulation
 SETTLE = 1.0  # s that the start is held
 STOPS = StopLimits(odd_voltage=1.0, stray=2.0)  # a hidden effect must not stop the robot
-DRAWS = 5000  # resamples of an interval
 Entry = dict[str, Any]
 FIELDS: tuple[str, ...] = ("case", "robot", "policy", "effect", "where", "value", "predicted")
 FIELDS += ("predicted_low", "predicted_high", "measured", "measured_low", "measured_high")
@@ -127,7 +125,8 @@ def case(seed: int, number: int, policies: Path) -> list[dict[str, Any]]:
     worth = compute_cause_costs(policy, causes, ROLLOUTS, seed=number)
     rows = []
     for entry, predicted, better in zip(hidden, worth.last["return"], without, strict=True):
-        measured = interval(better - every, rng)
+        measured = over_runs(better - every)
+        assert isinstance(measured, Interval)
         row = {"case": f"{seed}-{number}", "robot": name, "policy": f"seed{own}"}
         row |= {**entry, "where": entry["where"] or "robot", "value": f"{entry['value']:.4g}"}
         for what, told in (("predicted", predicted), ("measured", measured)):
@@ -137,11 +136,6 @@ def case(seed: int, number: int, policies: Path) -> list[dict[str, Any]]:
         row["robot_return"] = float(every.mean())
         rows.append({k: f"{v:.4f}" if isinstance(v, float) else v for k, v in row.items()})
     return rows
-
-
-def interval(values: np.ndarray, rng: np.random.Generator) -> Interval:
-    """Return the mean over episodes (E,) with its 95 % interval."""
-    return bootstrap(values[:, None], mean, rng, draws=DRAWS, resample="rows")
 
 
 def score(rows: Sequence[Mapping[str, str]]) -> Table:
@@ -197,15 +191,13 @@ def keep(own: Sequence[Mapping[str, Any]], seed: int, results: Path) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, run the robots that are missing, and tell the score."""
-    parser = command("worth", __doc__)
+    parser = command("worth", __doc__, "results")
     add = parser.add_argument
-    add("--robots", type=int, default=40, help="robots in all (default: 40)")
-    add("--seed", type=int, default=3, help="of their draw (default: %(default)s)")
-    add("--policies", type=Path, default=OUT, help="folder of benchmarks.improve's policies")
-    add("--results", type=Path, default=RESULTS, help="folder of the table")
+    add("--robots", type=at_least(1), default=40, help="robots in all (default: 40)")
+    add("--seed", type=at_least(0), default=3, help="of their draw (default: %(default)s)")
+    policies = RUNS / "improve"
+    add("--policies", type=Path, default=policies, help="folder of benchmarks.improve's policies")
     chosen = parser.parse_args(arguments)
-    if chosen.robots < 1 or chosen.seed < 0:
-        parser.error("--robots must be at least 1, and --seed must not be negative")
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     cases = Cases(chosen.results / "worth.csv", FIELDS)
     judged = partial(case, chosen.seed, policies=chosen.policies.resolve())

@@ -14,29 +14,24 @@ docs/explanation/evidence.md names the logs, which are not part of this project.
 a folder; what is there is not repeated.
 """
 
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from benchmarks import real_logs
+from benchmarks.cases import over_runs
 from envs.effects import load_effects
 from hardware.log import Log, read_logs
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.replay import measure
-from sim2real.diagnosis.diagnose import run_diagnosis
-from sim2real.diagnosis.outcome import write
 from sim2real.runs.files import write_text
-from sim2real.runs.statistics import Interval, bootstrap, mean
 from sim2real.runs.tables import Table
 
 GAINS = (100, 200, 800)  # the servo's P gain register
 FOLDER, COUNTS, FULL = "xl330_bench", 4096, 885  # counts a turn; PWM that is all of the supply
 MANUAL = 128  # PWM is P x error / this, says the manual
-DRAWS = 10_000  # resamples of an interval
 
 
 def gain_of(log: Log) -> int:
@@ -47,17 +42,6 @@ def gain_of(log: Log) -> int:
 def name_of(log: Log) -> str:
     """Return the name of a log's file, without its ending."""
     return log.path.stem if log.path else "log"
-
-
-def diagnose(logs: Sequence[Log], out: Path, name: str) -> None:
-    """Diagnose logs and write all files of the diagnosis into a folder, unless they are there."""
-    if (out / "report.json").is_file():
-        return
-
-    def tell(text: str, share: float) -> None:
-        print(f"{name}: {100 * share:3.0f} %  {text}", file=sys.stderr, flush=True)
-
-    write(run_diagnosis(logs, None, None, (), 0, tell), out)
 
 
 def error(log: Log, effects: Path | None = None) -> float:
@@ -78,12 +62,6 @@ def share_of_gain(log: Log) -> float:
     return float(MANUAL * asked @ pwm[free] / (asked @ asked))
 
 
-def mean_of(values: Sequence[float]) -> Interval:
-    """Return a mean over logs with its 95 % interval."""
-    rows, rng = np.array(values)[:, None], np.random.default_rng(0)
-    return bootstrap(rows, mean, rng, draws=DRAWS, resample="rows")
-
-
 def report(logs: Sequence[Log], out: Path, results: Path) -> Table:
     """Write xl330.md and xl330.csv and return the table of gains that were left out."""
     nominal = {name_of(log): error(log) for log in logs}
@@ -93,7 +71,7 @@ def report(logs: Sequence[Log], out: Path, results: Path) -> Table:
         held = [log for log in logs if gain_of(log) == gain]
         before = [1e3 * nominal[name_of(log)] for log in held]
         after = [1e3 * error(log, out / f"without_{gain}" / "effects.yaml") for log in held]
-        table.add(f"P gain {gain}", mean_of(before), mean_of(after), len(held))
+        table.add(f"P gain {gain}", over_runs(before), over_runs(after), len(held))
         for log, first, last in zip(held, before, after, strict=True):
             every = 1e3 * error(log, out / "all" / "effects.yaml")
             files.add(name_of(log), first, last, every)
@@ -122,13 +100,7 @@ def _fits() -> list[tuple[str, str]]:
 
 def _causes(out: Path, name: str, words: str) -> Table:
     """Return what one diagnosis found."""
-    answer: dict[str, Any] = json.loads((out / name / "report.json").read_text(encoding="utf-8"))
-    table = Table((words, "where", "value", "unit", "closed", "as good"))
-    for cause in real_logs.values(answer):
-        value = Interval(cause["value"], *cause["value_ci"])
-        others = ", ".join(one["effect"] for one in cause["equivalent"]) or None
-        where = cause["where"] or "robot"
-        table.add(cause["effect"], where, value, cause["unit"], cause["closed"], others)
+    answer, table = real_logs.causes(out / name, words)
     before, after = real_logs.gap(answer)
     table.notes.append(
         f"{answer['verdict']}: {1e3 * before:.0f} to {1e3 * after:.0f} mrad (rms) on "
@@ -145,7 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logs = [log for log in read_logs(chosen.data / FOLDER) if gain_of(log) in GAINS]
     for name, _ in () if chosen.report else _fits():
         some = [log for log in logs if name != f"without_{gain_of(log)}"]
-        diagnose(some, chosen.out / name, name)
+        real_logs.diagnose(some, chosen.out / name)
     print(report(logs, chosen.out, chosen.results).markdown())
     return 0
 

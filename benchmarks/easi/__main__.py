@@ -20,64 +20,42 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
-from benchmarks.easi import quad8, quad8_report, steps
+from benchmarks.easi import quad8, steps
 from benchmarks.easi.plan import ROWS, STUDIES, Plan, targets
 from benchmarks.easi.report import report
-from benchmarks.study import command
-
-RESULTS = Path(__file__).parents[1] / "results"
+from benchmarks.study import at_least, command
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line and run; return the exit status."""
-    parser = command("easi", __doc__)
+    parser = command("easi", __doc__, "out", "results", "report", "set")
     add = parser.add_argument
-    add("--task", default="cartpole", choices=STUDIES, help="default: cartpole")
+    add("--task", default="cartpole", choices=STUDIES, dest="name", help="default: cartpole")
     add("--target", help="another target of the task: NAME of conf/shift/TASK_NAME.yaml")
     add("--rows", nargs="+", choices=ROWS, metavar="ROW", help=f"default: all of {', '.join(ROWS)}")
-    add("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4], help="training seeds")
-    add("--frames", type=int, help="environment steps of every training; default: the task's")
-    add("--report", action="store_true", help="run nothing, write the tables")
-    add("--out", type=Path, default=Path("outputs/bench_long/easi"), help="folder of the runs")
-    add("--results", type=Path, default=RESULTS, help="folder of the tables and pictures")
-    add("--set", nargs="*", default=[], metavar="KEY=VALUE", help="settings of every training")
+    add("--seeds", type=at_least(0), nargs="+", default=[0, 1, 2, 3, 4], help="training seeds")
+    steps_ = "environment steps of every training; default: the task's"
+    add("--frames", type=at_least(1), help=steps_)
     add("--identify", nargs="*", default=[], metavar="KEY=VALUE", help="and of every EASI run")
     chosen = parser.parse_args(arguments)
-    plan = plan_of(parser, chosen)
-    if chosen.task == "quad8":
-        failed = 0 if chosen.report else quad8.run(plan)
-        quad8_report.report(plan)
-        return int(failed > 0)
-    failed = 0 if chosen.report else steps.run(plan)
+    only, plan = chosen.__dict__.pop("report"), plan_of(parser, chosen)
+    failed = 0 if only else (quad8 if plan.name == "quad8" else steps).run(plan)
     report(plan)
     return int(failed > 0)
 
 
 def plan_of(parser: argparse.ArgumentParser, chosen: argparse.Namespace) -> Plan:
     """Return what was asked for; what cannot be ends the program with a sentence."""
-    if min(chosen.seeds) < 0 or (chosen.frames or 1) < 1:
-        parser.error("--seeds must not be negative and --frames at least 1")
-    if chosen.target is not None and chosen.target not in (known := targets(chosen.task)):
+    if chosen.target is not None and chosen.target not in (known := targets(chosen.name)):
         there = ", ".join(known) or "none"
-        parser.error(f"--target {chosen.target}: {chosen.task} has no such target; it has: {there}")
-    rows: Sequence[str] = quad8.ROWS if chosen.task == "quad8" else list(ROWS)
+        parser.error(f"--target {chosen.target}: {chosen.name} has no such target; it has: {there}")
+    rows = STUDIES[chosen.name].rows or list(ROWS)
     if foreign := [name for name in chosen.rows or () if name not in rows]:
-        parser.error(f"--rows {foreign[0]}: {chosen.task} has: {', '.join(rows)}")
-    if chosen.task == "quad8":
-        chosen.target = chosen.target or quad8.TARGET
-    return Plan(
-        chosen.task,
-        tuple(dict.fromkeys(chosen.rows or rows)),
-        tuple(dict.fromkeys(chosen.seeds)),
-        chosen.out.resolve(),
-        chosen.results.resolve(),
-        chosen.frames,
-        tuple(chosen.set),
-        tuple(chosen.identify),
-        chosen.target,
-    )
+        parser.error(f"--rows {foreign[0]}: {chosen.name} has: {', '.join(rows)}")
+    chosen.target = chosen.target or STUDIES[chosen.name].target
+    chosen.rows = chosen.rows or rows
+    return Plan(**vars(chosen))
 
 
 if __name__ == "__main__":

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +27,10 @@ class Study:
     # the seed's figures, mean and deviation over runs, by row
     published: Mapping[str, tuple[float, float]]
     identify: tuple[str, ...] = ()  # settings of every EASI run
+    target: str | None = None  # the first target, if that is not the robot as its model says
+    rows: tuple[str, ...] = ()  # names of its rows; none: all
+    words: Mapping[str, str] = field(default_factory=dict)  # what these are, if not the usual
+    note: str = ""  # on what its returns are
 
     @property
     def path(self) -> Path:
@@ -89,6 +93,10 @@ STUDIES: dict[str, Study] = {
             "easi_100": (0.72, 0.05),
             "easi_200": (0.78, 0.02),
         },
+        target="servos",
+        rows=("udr", "oracle", "easi_1", "easi_50", "easi_100", "easi_200"),
+        words={"udr": "the ranges of params=quad8_servos", "oracle": "what the robot hides"},
+        note=" The robot is emulated, ten episodes of each policy; the seed's return is Go2's.",
     ),
 }
 
@@ -134,13 +142,13 @@ class Plan:
     """What to run and where."""
 
     name: str  # of the task
-    rows: tuple[str, ...]  # names of those that are wanted
-    seeds: tuple[int, ...]  # of training
+    rows: Sequence[str]  # names of those that are wanted
+    seeds: Sequence[int]  # of training
     out: Path  # folder of the runs
     results: Path  # folder of tables and pictures
     frames: int | None = None  # environment steps of a training; None for the experiment's own
-    training: tuple[str, ...] = ()  # further settings of every training
-    identify: tuple[str, ...] = ()  # further settings of every EASI run
+    overrides: Sequence[str] = ()  # further settings of every training
+    identify: Sequence[str] = ()  # further settings of every EASI run
     # another target than the robot as its model says: conf/shift/<task>_<target>.yaml
     target: str | None = None
 
@@ -167,6 +175,11 @@ class Plan:
     def folder(self, seed: int, *names: str) -> Path:
         """Return the folder of a run."""
         return self.out / self.label / f"seed{seed}" / Path(*names)
+
+    def training(self, name: str, seed: int) -> Path:
+        """Return the folder of a row's training."""
+        parts = (name, "policy") if self.study.target else (name,)
+        return (self.home if name == "udr" else self).folder(seed, *parts)
 
 
 def targets(name: str) -> list[str]:

@@ -10,18 +10,18 @@ found. All policies walk on the robot.
 
 import sys
 from pathlib import Path
+from statistics import fmean
 
 from benchmarks.easi.plan import Plan, Row
 from benchmarks.easi.steps import identify, in_rounds, looked_for
-from benchmarks.robots import mean, phases, timed
+from benchmarks.robots import phases, timed
 from benchmarks.study import sim2real, trained
 from hardware.errors import HardwareError
 from sim2real.config.compose import compose, instantiate
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import folder_lock, write_text
 
-TARGET, ROBOT, TRIALS = "servos", "quad8", 10
-ROWS = ("udr", "oracle", "easi_1", "easi_50", "easi_100", "easi_200")
+ROBOT, TRIALS = "quad8", 10
 TRAINING = ("eval=none", "video=none", "keep_checkpoints=1")
 STOPS = "stops={odd_voltage: 0.4, stray: 2.0}"  # legs that give are no fault
 FRESH = 1000  # added to a seed: demonstrations start otherwise than what is judged
@@ -51,7 +51,7 @@ def bus(plan: Plan, name: str, seed: int) -> Path:
 
 def learned(plan: Plan, name: str, seed: int, robots: list[str]) -> Path | None:
     """Return a trained policy's run; None where it failed."""
-    folder = (plan.home if name == "udr" else plan).folder(seed, name, "policy")
+    folder = plan.training(name, seed)
     if not (folder / "done").is_file():
         go_on = [f"resume={folder}"] if trained(folder) else []
         with timed(folder):
@@ -62,7 +62,7 @@ def learned(plan: Plan, name: str, seed: int, robots: list[str]) -> Path | None:
                 f"hydra.run.dir={folder}",
                 *go_on,
                 *robots,
-                *plan.training,
+                *plan.overrides,
             ):
                 return None
         write_text(folder / "done", "")
@@ -111,4 +111,4 @@ def identified(plan: Plan, row: Row, seed: int) -> Path | None:
 def returned(plan: Plan, name: str, seed: int) -> float | None:
     """Return what a row's policy earned on the robot; None: it has not walked."""
     told = phases(bus(plan, name, seed))
-    return None if told is None else mean(next(iter(told.values())))
+    return None if told is None else fmean(next(iter(told.values())))

@@ -5,21 +5,24 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from benchmarks.cases import read_csv
-from benchmarks.easi.plan import ENDED, ROUNDS, ROWS, Plan, truth
+from benchmarks.cases import over_runs, read_csv, write_csv
+from benchmarks.easi import quad8
+from benchmarks.easi.plan import ENDED, ROUNDS, ROWS, Plan, Row, truth
 from benchmarks.easi.steps import prior
 from benchmarks.robots import cpu_minutes
 from envs.distribution import Distribution
 from envs.distribution_file import read as read_distribution
+from envs.effects import load_effects
 from sim2real.evaluation.transfer import read
 from sim2real.identification.outcome import FILE
+from sim2real.runs.checkpoint import find, read_metadata
 from sim2real.runs.figures import COLOURS, FAINT, INK, figure
 from sim2real.runs.files import write_text
-from sim2real.runs.statistics import FEW, Interval, bootstrap, mean
+from sim2real.runs.statistics import FEW, Interval
 from sim2real.runs.tables import Table
 
 COLUMNS = ("task", "row", "seed", "value", "steps", "cpu_minutes", "settings")
-DRAWS, ORACLE, COLLAPSE = 5000, 0.95, 5.0  # resamples; share of the oracle's; ratio of deviations
+ORACLE, COLLAPSE = 0.95, 5.0  # share of the oracle's; ratio of deviations
 TOLD = (  # keys that the study gives its runs
     *("experiment", "seed", "video", "keep_checkpoints", "hydra.run.dir", "resume", "frames"),
     *("params", "params.path", "effects", "start", "run", "log", "model", "checkpoint", "identify"),
@@ -31,14 +34,11 @@ KINDS = (("easi_200", "easi", COLOURS[0]), ("paper_200", "easi_paper", COLOURS[1
 
 
 def report(plan: Plan) -> None:
-    """Write what is complete: easi.csv, a page and a picture."""
-    if not (own := merged(plan, lines(plan))):
-        return
-    figures = figures_of(own)
-    told = sorted({f"{line['row']}: {line['settings'] or 'none'}" for line in own})
-    steps = sorted({int(line["steps"]) for line in own})
-    write_text(plan.results / f"easi_{plan.label}.md", page(plan, figures, steps, told))
-    draw(plan, plan.results / f"easi_{plan.label}.png")
+    """Write what is complete: easi.csv, a page and, where the target is simulated, a picture."""
+    if own := merged(plan, lines(plan)):
+        write_text(plan.results / f"easi_{plan.label}.md", page(plan, own))
+        if plan.study.target is None:
+            draw(plan, plan.results / f"easi_{plan.label}.png")
 
 
 def merged(plan: Plan, found: list[dict[str, str]]) -> list[dict[str, str]]:
@@ -47,10 +47,7 @@ def merged(plan: Plan, found: list[dict[str, str]]) -> list[dict[str, str]]:
     every = [*read_csv(path), *found]
     kept = {(one["task"], one["row"], int(one["seed"])): one for one in every}
     if kept:
-        table = Table(COLUMNS)
-        for key in sorted(kept):
-            table.add(*(kept[key][column] for column in COLUMNS))
-        write_text(path, table.csv())
+        write_csv(path, (kept[key] for key in sorted(kept)))
     return [line for key, line in sorted(kept.items()) if key[0] == plan.label]
 
 
@@ -63,21 +60,41 @@ def figures_of(own: list[dict[str, str]]) -> Figures:
 
 
 def lines(plan: Plan) -> list[dict[str, str]]:
-    """Return a line for each evaluated training: its newest figure."""
+    """Return a line for each policy that was evaluated."""
     found = []
     for name in ROWS:
         for folder in sorted((plan.out / plan.label).glob(f"seed*/{name}")):
-            files = sorted(folder.glob("transfer-*.json"), key=lambda f: int(f.stem[9:]))
-            if files:
-                (one,) = read(files[-1])
-                seed = folder.parent.name.removeprefix("seed")
-                line = dict.fromkeys(COLUMNS, "") | {"task": plan.label, "row": name, "seed": seed}
-                line |= {"value": f"{one.returns['target'].mean():.6g}", "steps": f"{one.frames}"}
-                line |= {"cpu_minutes": spent(plan, name, int(seed))}
-                every = folders(plan, name, int(seed))
-                words = dict.fromkeys(word for place in every for word in settings(place))
-                found.append(line | {"settings": " ".join(words)})
+            seed = int(folder.parent.name.removeprefix("seed"))
+            if (told := scored(plan, name, seed)) is None:
+                continue
+            places = [plan.training(name, seed)]
+            if ROWS[name].identify:
+                places.append(plan.folder(seed, identified(ROWS[name])))
+            minutes = [cpu_minutes(place) for place in places]
+            spent = f"{sum(minutes):.1f}" if all(minutes) else ""  # where all of it is known
+            words = dict.fromkeys(word for place in places for word in settings(place))
+            cells = (plan.label, name, f"{seed}", f"{told[0]:.6g}", f"{told[1]}", spent)
+            found.append(dict(zip(COLUMNS, (*cells, " ".join(words)), strict=True)))
     return found
+
+
+def scored(plan: Plan, name: str, seed: int) -> tuple[float, int] | None:
+    """Return what a row's policy earns on the target, and its steps; None: it was not there yet."""
+    if plan.study.target:
+        if (value := quad8.returned(plan, name, seed)) is None:
+            return None
+        return value, int(read_metadata(find(plan.training(name, seed)))["frames"])
+    files = plan.folder(seed, name).glob("transfer-*.json")
+    newest = max(files, key=lambda file: int(file.stem[9:]), default=None)
+    if newest is None:
+        return None
+    (one,) = read(newest)
+    return float(one.returns["target"].mean()), one.frames
+
+
+def identified(row: Row) -> str:
+    """Return the folder of what EASI found for a row, below its seed's."""
+    return f"identify_{row.identify}_{row.budget}"
 
 
 def settings(folder: Path) -> list[str]:
@@ -89,49 +106,62 @@ def settings(folder: Path) -> list[str]:
     return [word for word in words if word.split("=")[0].lstrip("+") not in TOLD]
 
 
-def spent(plan: Plan, name: str, seed: int) -> str:
-    """Return the processor time of a row's training and identification [min]; "": not known."""
-    minutes = [cpu_minutes(folder) for folder in folders(plan, name, seed)]
-    return f"{sum(minutes):.1f}" if all(minutes) else ""
-
-
-def folders(plan: Plan, name: str, seed: int) -> list[Path]:
-    """Return the folder of a row's training, and that of what it was given, if it was found."""
-    row = ROWS[name]
-    found = [(plan.home if name == "udr" else plan).folder(seed, name)]
-    if row.identify:
-        found.append(plan.folder(seed, f"identify_{row.identify}_{row.budget}"))
-    return found
-
-
-def page(plan: Plan, figures: Figures, steps: list[int], told: list[str]) -> str:
+def page(plan: Plan, own: list[dict[str, str]]) -> str:
     """Return the page of a task."""
+    study, figures = plan.study, figures_of(own)
     table = Table(("robots of the training", "the seed", "ours", "seeds"))
-    for rows in (*ROUNDS, ENDED):
-        for row in rows:
-            own = plan.study.published.get(row.name) if plan.target is None else None
-            theirs = "–" if own is None else f"{own[0]:g} ± {own[1]:g}"
-            values = list(figures.get(row.name, {}).values())
-            shown = interval(values) if values else None
-            table.add(f"{row.name}: {row.words}", theirs, shown, len(values))
+    for row in (row for rows in (*ROUNDS, ENDED) for row in rows):
+        if study.rows and row.name not in study.rows:
+            continue
+        theirs = study.published.get(row.name) if plan.target == study.target else None
+        values = list(figures.get(row.name, {}).values())
+        words = f"{row.name}: {study.words.get(row.name, row.words)}"
+        seed = f"{theirs[0]:g} ± {theirs[1]:g}" if theirs else "–"
+        table.add(words, seed, over_runs(values), len(values))
     table.notes.append(
-        "Return on the target, mean over training seeds with 95 % bootstrap intervals."
+        f"Return on the target, mean over training seeds with 95 % bootstrap intervals.{study.note}"
     )
     words = "" if plan.target is None else f" --target {plan.target}"
+    steps = sorted({int(line["steps"]) for line in own})
+    hidden = "" if plan.effects is None else f"; the target has {described(plan.effects)}"
     parts = [
         f"# EASI on {plan.label}",
         "",
         f"`python -m benchmarks.easi --task {plan.name}{words}`, {spanned(steps)} environment "
-        "steps a training. Settings beside the study's:",
+        f"steps a training{hidden}. Settings beside the study's:",
         "",
-        *[f"* {line}" for line in told],
+        *sorted({f"* {line['row']}: {line['settings'] or 'none'}" for line in own}),
         "",
         table.markdown(),
         "## Claims",
         "",
-        *claims(plan, figures),
+        *(f"* {line}" for line in claims(plan, figures)),
     ]
-    return "\n".join(parts) + "\n"
+    return "\n".join(parts) + "\n" + (parameters(plan, figures) if study.target else "")
+
+
+def described(effects: Path) -> str:
+    """Return what a file of effects holds, in words."""
+    return ", ".join(f"{effect.label()} {value[0]:g}" for effect, value in load_effects(effects))
+
+
+def best(figures: Figures) -> Row:
+    """Return the row of the most trajectories that EASI was given; of 200 without one."""
+    rows = sorted((r for r in ROWS.values() if r.identify == "easi"), key=lambda r: -r.budget)
+    return next((row for row in rows if row.name in figures), rows[0])
+
+
+def parameters(plan: Plan, figures: Figures) -> str:
+    """Return the table of what EASI found beside what is hidden; "" where it found nothing."""
+    found = answers(plan, identified(best(figures)))
+    if not found:
+        return ""
+    true = truth(plan, found[0].effects)
+    table = Table(("parameter", "hidden", "range", "found, mean of each seed"))
+    for i, (name, law) in enumerate(zip(found[0].names, prior(plan.home).laws, strict=True)):
+        means = ", ".join(f"{one.mean[i]:.3g} ± {one.std[i]:.1g}" for one in found)
+        table.add(name, true[name], f"{law.low:.3g} to {law.high:.3g}", means)
+    return f"\n## Parameters\n\n{table.markdown()}"
 
 
 def spanned(steps: list[int]) -> str:
@@ -139,25 +169,21 @@ def spanned(steps: list[int]) -> str:
     return " to ".join(f"{number:,}" for number in sorted({steps[0], steps[-1]})) if steps else "no"
 
 
-def interval(values: list[float]) -> Interval | float:
-    """Return the mean with its interval; alone for one value."""
-    column = np.array(values)[:, None]
-    if len(values) < 2:
-        return float(column[0, 0])
-    return bootstrap(column, mean, np.random.default_rng(0), draws=DRAWS, resample="rows")
-
-
 def claims(plan: Plan, figures: Figures) -> list[str]:
-    """Return a line for each claim."""
+    """Return a line for each claim about rows that the task has."""
+    rows, left = plan.study.rows, best(figures).name
     told = [
-        compared("EASI above uniform randomization", figures, "easi_200", "udr", 1.0),
-        compared("EASI at least 0.95 of the oracle", figures, "easi_200", "oracle", ORACLE),
-        compared("EASI above its own width elsewhere", figures, "easi_200", "narrow", 1.0),
-        compared("EASI above its own mean alone", figures, "easi_200", "point", 1.0),
-        compared("EASI above GARAT", figures, "easi_200", "garat", 1.0),
-        collapse(plan),
+        compared(claim, figures, left, right, times)
+        for claim, right, times in (
+            ("EASI above uniform randomization", "udr", 1.0),
+            ("EASI at least 0.95 of the oracle", "oracle", ORACLE),
+            ("EASI above its own width elsewhere", "narrow", 1.0),
+            ("EASI above its own mean alone", "point", 1.0),
+            ("EASI above GARAT", "garat", 1.0),
+        )
+        if not rows or right in rows
     ]
-    return [f"* {line}" for line in told]
+    return told if rows else [*told, collapse(plan)]
 
 
 def compared(claim: str, figures: Figures, left: str, right: str, times: float) -> str:
@@ -166,9 +192,9 @@ def compared(claim: str, figures: Figures, left: str, right: str, times: float) 
     if not pairs:
         return f"not run: {claim}"
     apart = [figures[left][seed] - times * figures[right][seed] for seed in pairs]
-    found = interval(apart)
+    found = over_runs(apart)
     if not isinstance(found, Interval):
-        return f"undecided: {claim}, by {short(found)} with one seed"
+        return f"undecided: {claim}, by {short(apart[0])} with one seed"
     answer = "undecided"
     if found.excludes(0.0):
         answer = "holds" if found.value > 0 else "contradicted"

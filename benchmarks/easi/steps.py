@@ -65,7 +65,7 @@ def follow(plan: Plan, row: Row, seed: int) -> bool:
                 *frames,
                 *robots,
                 *judged(plan),
-                *plan.training,
+                *plan.overrides,
             )
 
 

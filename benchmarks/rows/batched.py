@@ -117,9 +117,8 @@ class Collected(Row):
         batches: int,
         gait: Gait,
         setup: str,
-        of: str = "raw_physics",
     ) -> None:
-        self.name, self.of, self.setup, self.simulations = name, of, setup, simulations
+        self.name, self.setup, self.simulations = name, setup, simulations
         self.memory = "batched" if simulations > 1 else "gymnasium"
         self._make, self._frames, self._batches = make, frames, batches
         self._gait: Gait = gait
@@ -159,15 +158,12 @@ class TrainingCollected(Collected):
     that the robots do what they do in the other rows.
     """
 
-    def __init__(
-        self, name: str, kind: type[Collector], frames: int, batches: int, gait: Gait, setup: str
-    ) -> None:
+    def __init__(self, name: str, frames: int, batches: int, gait: Gait, setup: str) -> None:
         super().__init__(name, 256, self._world, frames, batches, gait, setup)
-        self._kind = kind
 
     def build(self) -> None:
         """Make the collector and let it deliver one batch."""
-        self._collector = self._kind(
+        self._collector = Collector(
             self._world(),
             self._drawing(),
             frames_per_batch=self._frames,

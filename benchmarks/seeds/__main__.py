@@ -17,57 +17,43 @@ from pathlib import Path
 
 from benchmarks.seeds.page import load, page
 from benchmarks.seeds.train import Plan, collect, run
-from benchmarks.study import command
+from benchmarks.study import at_least, command
 from sim2real.runs.files import write_text
 
-ROOT = Path(__file__).parents[2]
-RESULTS = ROOT / "benchmarks" / "results"
-PAGE = ROOT / "docs" / "seeds.md"
+PAGE = Path(__file__).parents[2] / "docs" / "seeds.md"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Read the command line, train what is asked for and write the page; return the status."""
-    parser = command("seeds", __doc__)
+    parser = command("seeds", __doc__, "out", "results")
     add = parser.add_argument
-    add(
-        "--run",
-        nargs="+",
-        default=[],
-        metavar="NAME",
-        help="trainings; --list names them, all: cheapest first",
-    )
-    add("--seeds", type=int, nargs="+", help="training seeds; default: as many as a training has")
+    many = "trainings; --list names them, all: cheapest first"
+    add("--run", nargs="+", default=[], metavar="NAME", help=many)
+    many = "training seeds; default: as many as a training has"
+    add("--seeds", type=at_least(0), nargs="+", help=many)
     add("--list", action="store_true", help="say what can be trained, and end")
-    add("--out", type=Path, default=Path("outputs/bench_long/seeds"), help="folder of the runs")
-    add("--results", type=Path, default=RESULTS, help="folder of the results")
     add("--page", type=Path, default=PAGE, help="the page that is written")
     chosen = parser.parse_args(arguments)
     content = load()
     trainings = content["trainings"]
     if unknown := sorted(set(chosen.run) - {"all", *trainings}):
         parser.error(f"no training {unknown[0]!r}; there are: all, {', '.join(trainings)}")
-    if min(chosen.seeds or [0]) < 0:
-        parser.error("--seeds must not be negative")
     cheapest = sorted(trainings, key=lambda name: trainings[name]["minutes"])
+    plan = Plan(trainings, chosen.out, chosen.results / "seeds.csv")
     if chosen.list:
         for name in cheapest:
-            about = trainings[name]
-            typed = " ".join(["sim2real", *trainings[about.get("of", name)]["do"]])
+            about, typed = trainings[name], " ".join(["sim2real", *plan.words(name)])
             print(f"{name}: {about['runs']} x {about['minutes']} CPU min: {typed}")
         hours = sum(about["runs"] * about["minutes"] for about in trainings.values()) / 60
         print(f"all: {hours:.0f} CPU h")
         return 0
-    of = {name: about["of"] for name, about in trainings.items() if "of" in about}
-    commands = {name: trainings[of.get(name, name)]["do"] for name in trainings}
-    then = {name: about["then"] for name, about in trainings.items() if "then" in about}
-    plan = Plan(commands, chosen.out.resolve(), chosen.results.resolve() / "seeds.csv", then, of)
     failed = sum(
         run(name, chosen.seeds or range(trainings[name]["runs"]), plan)
         for name in (cheapest if "all" in chosen.run else chosen.run)
     )
     if plan.out.is_dir():
         collect(plan)
-    write_text(chosen.page.resolve(), page(content, chosen.results.resolve()))
+    write_text(chosen.page.resolve(), page(content, chosen.results))
     return int(failed > 0)
 
 

@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.seeds.figures import DRAWS, STATISTICS, Found
+from benchmarks.cases import DRAWS, over_runs
+from benchmarks.seeds.figures import STATISTICS, Found
 from sim2real.runs.errors import Sim2RealError
-from sim2real.runs.statistics import FEW, Interval, bootstrap, difference
+from sim2real.runs.statistics import FEW, Interval, difference
 from sim2real.runs.tables import format_cell
 
 KEYS = {"claim", "left", "is", "right", "by", "times", "paired"}
@@ -92,14 +93,14 @@ def _difference(
     right: Found,
     claim: Mapping[str, Any],
     statistic: str,
-) -> Interval | float:
+) -> Interval | float | None:
     """Compare columns (n, 1) and (m, 1); a plain number where there are too few for an interval."""
     rng, take = np.random.default_rng(0), STATISTICS[statistic]
     single = "" in right.values
     if claim.get("paired") and set(left.values) == set(right.values):
         single, second, first = True, np.zeros((1, 1)), first - second
-    if min(len(first), 2 if single else len(second)) < 2:
-        return float(take(first) - take(second))
     if single:
-        return bootstrap(first - second, take, rng, draws=DRAWS, resample="rows")
+        return over_runs((first - second)[:, 0], take)
+    if min(len(first), len(second)) < 2:
+        return float(take(first) - take(second))
     return difference(first, second, take, rng, draws=DRAWS)

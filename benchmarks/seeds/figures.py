@@ -8,19 +8,17 @@ list of two numbers is a range. Where a run has several rows, as a grid has cell
 counts.
 """
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.cases import over_runs, read_csv
 from sim2real.runs.errors import Sim2RealError
-from sim2real.runs.statistics import Interval, Statistic, bootstrap, iqm, mean
+from sim2real.runs.statistics import Interval, Statistic, iqm, mean
 
-DRAWS = 5000  # resamples of an interval
 STATISTICS: dict[str, Statistic] = {"mean": mean, "iqm": iqm}
 KEYS = {"table", "where", "outside", "value"}
 
@@ -46,12 +44,8 @@ class Found:
 
     def interval(self, statistic: str) -> Interval | float | None:
         """Return the figure with its interval over runs; alone for one run, None for none."""
-        if not self.values:
-            return None
-        values, rng = self.column, np.random.default_rng(0)
-        if len(values) == 1:
-            return float(values[0, 0])
-        return bootstrap(values, STATISTICS[statistic], rng, draws=DRAWS, resample="rows")
+        values = [self.values[run] for run in sorted(self.values)]
+        return over_runs(values, STATISTICS[statistic])
 
 
 def find(query: Mapping[str, Any], tables: Mapping[str, Any], folder: Path) -> Found:
@@ -70,7 +64,8 @@ def find(query: Mapping[str, Any], tables: Mapping[str, Any], folder: Path) -> F
     if unknown:
         raise Sim2RealError(f"rows.yaml: {unknown[0]!r} in {dict(query)} is unknown")
     table = tables[query["table"]]
-    columns, lines = _read(folder / table["file"])
+    lines = read_csv(folder / table["file"])
+    columns = tuple(lines[0]) if lines else ()
     where, outside = query.get("where", {}), query.get("outside", {})
     value = query.get("value", table["value"])
     wanted = {*where, *outside, value, table["run"]}
@@ -93,16 +88,6 @@ def find(query: Mapping[str, Any], tables: Mapping[str, Any], folder: Path) -> F
         float(np.median(steps)) if steps else None,
         float(np.mean(minutes)) if minutes else None,
     )
-
-
-@cache
-def _read(path: Path) -> tuple[Sequence[str], list[dict[str, str]]]:
-    if not path.is_file():
-        return (), []
-    with path.open(encoding="utf-8", newline="") as file:
-        reader = csv.DictReader(file)
-        lines = list(reader)
-        return tuple(reader.fieldnames or ()), lines
 
 
 def _within(line: Mapping[str, str], where: Mapping[str, Any]) -> bool:

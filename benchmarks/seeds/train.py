@@ -9,18 +9,18 @@ of these programs may run at once and share the work.
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.cases import read_csv
+from benchmarks.cases import read_csv, write_csv
 from benchmarks.robots import cpu_minutes, timed
 from benchmarks.study import sim2real, trained
 from sim2real.evaluation.scores import GridScores
 from sim2real.evaluation.transfer import read as read_transfer
-from sim2real.runs.files import folder_lock, write_text
+from sim2real.runs.files import folder_lock
 
 COLUMNS = ("training", "seed", "figure", "value", "steps", "cpu_minutes", "command", "versions")
 THEN = "then"  # folder of an evaluation within its run's
@@ -32,23 +32,28 @@ class Plan:
     """What can be trained, and where.
 
     Args:
-        trainings: overrides of the command line, by name.
-        then: overrides of an evaluation of the trained policy, by name, whose figures count
-            instead of the training's own.
-        of: another training whose policies are evaluated, by name.
+        trainings: by name, overrides of the command line (`do`), or another training whose policies
+            are evaluated (`of`); overrides of an evaluation of the trained policy (`then`), whose
+            figures count instead of the training's own.
         out: folder of the runs.
         table: the CSV file of the figures.
     """
 
-    trainings: Mapping[str, Sequence[str]]
+    trainings: Mapping[str, Mapping[str, Any]]
     out: Path
     table: Path
-    then: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    of: Mapping[str, str] = field(default_factory=dict)
+
+    def source(self, name: str) -> str:
+        """Return the training that trains the policy."""
+        return self.trainings[name].get("of", name)
+
+    def words(self, name: str) -> Sequence[str]:
+        """Return the overrides that train the policy."""
+        return self.trainings[self.source(name)]["do"]
 
     def trained(self, name: str, seed: int) -> Path:
         """Return the folder of the run that trains the policy."""
-        return self.folder(self.of.get(name, name), seed)
+        return self.folder(self.source(name), seed)
 
     def folder(self, name: str, seed: int) -> Path:
         """Return a run's folder."""
@@ -57,19 +62,19 @@ class Plan:
 
 def run(name: str, seeds: Sequence[int], plan: Plan) -> int:
     """Train and evaluate what is not yet done; return how many runs failed."""
-    failed = 0
+    failed, then = 0, plan.trainings[name].get("then")
     for seed in seeds:
         folder, policy = plan.folder(name, seed), plan.trained(name, seed)
         with ExitStack() as stack:
             mine = [
                 stack.enter_context(folder_lock(one)) for one in dict.fromkeys((folder, policy))
             ]
-            if not all(mine) or list(figures(folder, name in plan.then)):
+            if not all(mine) or list(figures(folder, then)):
                 continue
             with timed(folder):
-                done = train(policy, seed, plan.trainings[name])
-                if done and name in plan.then:
-                    done = evaluate(policy, seed, plan.then[name], folder)
+                done = train(policy, seed, plan.words(name))
+                if done and then:
+                    done = evaluate(policy, seed, then, folder)
             failed += not done
         collect(plan)
     return failed
@@ -90,7 +95,7 @@ def evaluate(policy: Path, seed: int, words: Sequence[str], folder: Path) -> boo
     return sim2real(*given, *words, f"hydra.run.dir={folder / THEN}")
 
 
-def figures(folder: Path, then: bool = False) -> Iterator[tuple[str, float, int]]:
+def figures(folder: Path, then: object = None) -> Iterator[tuple[str, float, int]]:
     """Yield name, value and training steps of each figure of a complete run."""
     folder = folder / THEN if then else folder
     if (folder / "evaluation.json").is_file():
@@ -106,30 +111,25 @@ def figures(folder: Path, then: bool = False) -> Iterator[tuple[str, float, int]
 def collect(plan: Plan) -> None:
     """Put the figures of all complete runs into the table; those of other machines stay."""
     rows = {_key(row): row for row in read_csv(plan.table)}
-    for name, overrides in plan.trainings.items():
+    for name, about in plan.trainings.items():
         for folder in sorted((plan.out / name).glob("seed*")):
             seed = folder.name.removeprefix("seed")
-            about = {
+            own = {
                 "training": name,
                 "seed": seed,
                 "cpu_minutes": f"{spent:.1f}" if (spent := cpu_minutes(folder)) else "",
-                "command": " ".join(["sim2real", *overrides, f"seed={seed}"]),
+                "command": " ".join(["sim2real", *plan.words(name), f"seed={seed}"]),
                 "versions": _versions(plan.trained(name, int(seed))),
             }
-            for figure, value, steps in figures(folder, name in plan.then):
-                row = {**about, "figure": figure, "value": f"{value:.6g}", "steps": str(steps)}
+            for figure, value, steps in figures(folder, about.get("then")):
+                row = {**own, "figure": figure, "value": f"{value:.6g}", "steps": str(steps)}
                 rows[_key(row)] = row
-    lines = [",".join(COLUMNS)]
-    lines += [",".join(_field(row[c]) for c in COLUMNS) for _, row in sorted(rows.items())]
-    write_text(plan.table, "\n".join(lines) + "\n")
+    if rows:
+        write_csv(plan.table, ({c: row[c] for c in COLUMNS} for _, row in sorted(rows.items())))
 
 
 def _key(row: Mapping[str, str]) -> tuple[str, int, str]:
     return row["training"], int(row["seed"]), row["figure"]
-
-
-def _field(text: str) -> str:
-    return f'"{text}"' if "," in text else text
 
 
 def _versions(folder: Path) -> str:

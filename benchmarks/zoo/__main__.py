@@ -31,7 +31,6 @@ from sim2real.exam.score import wilson
 from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table, format_cell
 
-RESULTS = Path(__file__).parents[1] / "results"
 LONGEST = 7200.0  # s of one diagnosis, after which it counts as failed; 17 joints take an hour
 FRICTION = "coulomb_friction"
 SAYS = "sim2real: "  # before a sentence
@@ -40,12 +39,10 @@ REFUSED = 2  # exit status of a sentence
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Diagnose what is not yet diagnosed, and write the table."""
-    parser = command("zoo", __doc__)
+    parser = command("zoo", __doc__, "out", "results")
     parser.add_argument("--seed", type=int, default=5, help="of motions and hidden friction")
     parser.add_argument("--only", nargs="+", default=[], help="names of models")
     parser.add_argument("--most", type=int, default=1000, help="diagnoses to make now")
-    parser.add_argument("--out", type=Path, default=Path("outputs/zoo"), help="folder of answers")
-    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the table")
     chosen = parser.parse_args(arguments)
     every = models()
     if unknown := sorted(set(chosen.only) - {model.name for model in every}):

@@ -27,10 +27,9 @@ from hardware.errors import HardwareError
 from hardware.log import read_log, write_log
 from sim2real.exam.answer import TASK
 from sim2real.exam.hiding import EFFECTS, moved, place_of
-from sim2real.exam.hold import Examiner
+from sim2real.exam.hold import KEY, Examiner, Outline
 from sim2real.exam.logs import drive, exam_robot, overall, plans
 from sim2real.exam.measure import apart
-from sim2real.exam.outline import KEY, Outline
 from sim2real.exam.refit import withheld
 from sim2real.exam.sizes import Hidden, entries, hide
 from sim2real.runs.errors import Sim2RealError
@@ -155,7 +154,7 @@ class Exam(Examiner):
             return False
         joint_of = {body: joint for joint, body in moved(robot).items()}
         case = Case(
-            **asdict(outline, dict_factory=_without_effects),
+            *(outline.name, outline.kind, outline.robot, outline.seed),
             **hidden._asdict(),
             residue=_residue(robot, outline.seed),
             exclude=exclude,
@@ -165,10 +164,6 @@ class Exam(Examiner):
         write_task(logs, exclude)
         case.write(key)
         return True
-
-
-def _without_effects(fields: list[tuple[str, Any]]) -> dict[str, Any]:
-    return {name: value for name, value in fields if name != "effects"}
 
 
 def _record(robot: Robot, hidden: Hidden, seed: int, logs: Path, key: Path) -> bool:

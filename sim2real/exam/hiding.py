@@ -50,20 +50,9 @@ class Secret:
 
     def value(self, size: float) -> float | list[float]:
         """Return the value of this size, in the effect's unit."""
-        sign = math.copysign(1.0, self.direction)
-        match self.form:
-            case "add":
-                return size * self.unit
-            case "signed":
-                return sign * size * self.unit
-            case "factor":
-                return math.exp(sign * size)
-            case "limit":
-                return self.unit / size
-            case "mass":
-                return self.unit * (math.exp(sign * size) - 1)
-            case "tilt":
-                return [size * math.cos(self.direction), size * math.sin(self.direction)]
+        if self.form == "tilt":
+            return [size * math.cos(self.direction), size * math.sin(self.direction)]
+        return value_of(self.form, size, self.unit, self.direction)
 
     def entry(self, size: float) -> Truth:
         """Return the entry of an effects.yaml that hides this size."""
@@ -74,6 +63,23 @@ class Secret:
             "value": self.value(size),
             "extra": dict(self.extra),
         }
+
+
+def value_of(form: Form, size: float, unit: float, direction: float) -> float:
+    """Return the value of a size with the sign of a direction; a tilt has two, and none here."""
+    sign = math.copysign(1.0, direction)
+    match form:
+        case "add":
+            return size * unit
+        case "signed":
+            return sign * size * unit
+        case "factor":
+            return math.exp(sign * size)
+        case "limit":
+            return unit / size
+        case "mass":
+            return unit * (math.exp(sign * size) - 1)
+    raise ValueError(f"no value is made of a size by {form!r}")
 
 
 def place_of(effect: str) -> Place:

@@ -18,21 +18,18 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
 
 from envs.effects import load_effects, merge_effects
 from envs.errors import EnvsError
-from envs.plant import Fixed
-from hardware.log import Log, read_log
+from hardware.log import read_log
 from sim2real.exam import matrix, score, seal
 from sim2real.exam.answer import EFFECTS, REPORT, VERSION, answered, ask
 from sim2real.exam.logs import overall
 from sim2real.exam.measure import apart
-from sim2real.exam.outline import KEY, Outline
-from sim2real.exam.score import Mark
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import folder_lock, write_text
 from sim2real.runs.tables import Table
@@ -41,7 +38,19 @@ log_ = logging.getLogger(__name__)
 LOGS, KEYS, ANSWERS, DROPPED, HELD = "logs", "keys", "answers", "dropped.txt", "held.csv"
 CLAIMS = "claims"  # who of several programs works on which case
 PATIENCE = 2.0  # s between looks at what another program does
-CONFIDENCES = (0.0, 0.5, 0.8, 0.9, 0.95, 1.001)  # edges of the table of calibration
+KEY = "key.json"  # what a case's key is called in its folder
+KNOWN = "known.yaml"  # effects that a diagnosis is given, if there are any
+
+
+@dataclass(frozen=True)
+class Outline:
+    """A case as drawn: its name, kind, robot, effects and the seed of everything else."""
+
+    name: str
+    kind: str
+    robot: str
+    effects: tuple[str, ...]
+    seed: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +65,7 @@ class Examiner(ABC):
     block: int  # make and seal so many cases before the first of them is diagnosed
     # diagnose at most so many cases now, and score what is answered; None goes to the end
     most: int | None = None
+    title: ClassVar[str] = "Blind check"  # of table.md
 
     def __post_init__(self) -> None:
         if not self.longest > 0 or (self.most is not None and self.most < 0) or self.block < 1:
@@ -91,9 +101,42 @@ class Examiner(ABC):
                 none was answered.
         """
         names, cases = opened(folder, drawn)
-        marks = [_mark(folder, name) for name in names]
-        write(marks, folder, seed, cases)
+        marks = [self.mark(folder, name) for name in names]
+        write(self.title, marks, self.summarize(marks, seed, folder / "plots"), folder, seed, cases)
         return marks
+
+    def mark(self, folder: Path, name: str) -> Any:
+        """Compare the answer to a case with its key; return a dataclass, `case` its name."""
+        key, report = read_case(folder, name)
+        asked = report is not None and key["kind"] in ("one", "two")
+        return score.mark(key, report, closed(folder, name, key["residue"]) if asked else None)
+
+    def summarize(
+        self, marks: Sequence[Any], seed: int, plots: Path
+    ) -> dict[str, tuple[str, Table]]:
+        """Draw pictures into a folder; return titles and tables by file name, the figures first."""
+        counts = matrix.confusion(marks)
+        matrix.draw(counts, plots / "matrix.png")
+        return {
+            "table": ("Figures", score.summary(marks, np.random.default_rng(seed))),
+            "calibration": ("Is the confidence earned?", score.calibration(marks)),
+            "matrix": ("Hidden against named first", matrix.table(counts)),
+            "failures": ("What was answered wrongly", score.failures(marks)),
+        }
+
+
+def check_data(data: str | None, part: str, name: str) -> None:
+    """Check that the folder of real logs holds a file that a case or robot needs.
+
+    Raises:
+        Sim2RealError: no folder, or one without it.
+    """
+    if not data or not Path(data, part).is_file():
+        raise Sim2RealError(
+            f"exam.data={data or None} has no {part}, which {name} needs; set the environment "
+            f"variable SIM2REAL_DATA to the folder of real logs (docs/explanation/evidence.md "
+            f"names the public sources)"
+        )
 
 
 def hold(exam: Examiner, outlines: Sequence[Outline], folder: Path) -> None:
@@ -181,33 +224,26 @@ def opened(folder: Path, drawn: int) -> tuple[list[str], int]:
     return done, drawn - len(sealed) + len(names)
 
 
-def _mark(folder: Path, name: str) -> Mark:
+def read_case(folder: Path, name: str) -> tuple[dict[str, Any], dict[str, Any] | None]:
+    """Return a case's key and its answer; None of a diagnosis that failed."""
     key = json.loads((folder / KEYS / name / KEY).read_text(encoding="utf-8"))
     file = folder / ANSWERS / name / REPORT
-    answer = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None
-    held = folder / KEYS / name / HELD
-    closed = None
-    if answer is not None and key["kind"] in ("one", "two") and held.is_file():
-        known = folder / LOGS / name / "known.yaml"
-        fixed = load_effects(known) if known.is_file() else []
-        named = load_effects(file.with_name(EFFECTS))
-        closed = closes(read_log(held), fixed, named, key["residue"])
-    return score.mark(key, answer, closed)
+    return key, json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None
 
 
-def closes(
-    log: Log, known: Sequence[Fixed], named: Sequence[Fixed], residue: float
-) -> float | None:
-    """Return the fraction of a log's closable gap that the found effects close.
+def closed(folder: Path, name: str, residue: float) -> float | None:
+    """Return the fraction of the closable gap that an answer's effects close.
 
-    None where they cannot be put into the model.
+    None where they cannot be put into the model. The gap is that of the log that was held back.
 
     Args:
-        log: a recording that the diagnosis never saw; its metadata names the model.
-        known: effects that the diagnosis was given.
-        named: those that it found.
+        folder: the folder of the exam.
+        name: of the case.
         residue: what the model leaves where nothing is hidden [rad].
     """
+    log, file = read_log(folder / KEYS / name / HELD), folder / LOGS / name / KNOWN
+    known = load_effects(file) if file.is_file() else []
+    named = load_effects(folder / ANSWERS / name / EFFECTS)
     spec = mujoco.MjSpec.from_file(str(log.model))
     before = overall(apart(log, spec, known))
     try:
@@ -218,83 +254,45 @@ def closes(
     return (before - after) / max(before - residue, 1e-9)
 
 
-def _dropped(folder: Path) -> list[str]:
-    files = sorted((folder / KEYS).glob(f"*/{DROPPED}"))
-    return [f"{file.parent.name}: {file.read_text(encoding='utf-8').strip()}" for file in files]
-
-
-def write(marks: Sequence[Mark], folder: Path, seed: int, cases: int) -> None:
-    """Write table.md with everything, each table as CSV, score.json and the matrix's picture.
+def write(
+    title: str,
+    marks: Sequence[Any],
+    tables: Mapping[str, tuple[str, Table]],
+    folder: Path,
+    seed: int,
+    cases: int,
+) -> None:
+    """Write table.md with every table, each as CSV, cases.csv, and score.json with the figures.
 
     Args:
+        title: of table.md.
         marks: the marks of the cases that were answered.
+        tables: see `Examiner.summarize`.
         folder: the folder of the exam.
-        seed: the seed of its draw, and of the intervals.
+        seed: the seed of its draw.
         cases: that the exam has.
     """
-    rng = np.random.default_rng(seed)
-    counts, dropped = matrix.confusion(marks), _dropped(folder)
-    parts: dict[str, tuple[str, Table]] = {
-        "table": ("Figures", score.summary(marks, rng)),
-        "calibration": ("Is the confidence earned?", score.calibration(marks, CONFIDENCES)),
-        "matrix": ("Hidden against named first", matrix.table(counts)),
-        "failures": ("What was answered wrongly", score.failures(marks)),
-    }
-    head = f"# Blind check\n\n{_head(marks, folder, seed, cases)}"
-    about = {"seed": seed, "cases": cases, "answered": len(marks), "partial": len(marks) < cases}
-    about |= {"versions": _versions(marks, folder)}
-    lines = "".join(f"* {line}\n" for line in dropped)
-    write_tables(folder, head, parts, about, f"\n## Not drawn\n\n{lines}" if dropped else "")
-    write_text(folder / "cases.csv", score.cases(marks).csv())
-    matrix.draw(counts, folder / "plots" / "matrix.png")
-
-
-def write_tables(
-    folder: Path,
-    head: str,
-    parts: Mapping[str, tuple[str, Table]],
-    about: Mapping[str, Any],
-    tail: str = "",
-) -> None:
-    """Write table.md with every table, each as CSV, and score.json with the figures of the first.
-
-    Args:
-        folder: the folder of the exam.
-        head: what stands above the tables.
-        parts: title and table by the name of its CSV file.
-        about: what score.json says beside the figures.
-        tail: what stands below the tables.
-    """
-    text = [f"{head}\n"]
-    for name, (title, table) in parts.items():
-        text.append(f"## {title}\n\n{table.markdown()}")
-        write_text(folder / f"{name}.csv", table.csv())
-    write_text(folder / "table.md", "\n".join(text) + tail)
-    _, first = next(iter(parts.values()))
-    figures = {str(row[0]): row[1:] for row in first.rows}
-    write_text(folder / "score.json", json.dumps({**about, "figures": figures}, indent=1))
-    log_.info("%s", first.markdown())
-
-
-def _head(marks: Sequence[Mark], folder: Path, seed: int, cases: int) -> str:
-    """Say how many cases of which kinds were answered, and by which code."""
-    kinds = [one.kind for one in marks]
-    several = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
-    head = f"{len(marks)} cases of seed {seed}: {several}."
-    if len(marks) < cases:
-        head = (
-            f"**partial: true.** {len(marks)} of {cases} cases were answered so far; they are "
-            f"drawn so that every kind and robot is among them.\n\n{head}"
-        )
-    versions = _versions(marks, folder)
-    if len(versions) > 1:
-        counts = ", ".join(f"{count} by {name}" for name, count in versions.items())
-        head += f"\n\nSeveral versions of the diagnosis answered: {counts}."
-    return head
-
-
-def _versions(marks: Sequence[Mark], folder: Path) -> dict[str, int]:
-    """Return how many of the cases each version of the code answered."""
     files = [folder / ANSWERS / one.case / VERSION for one in marks]
     found = [f.read_text(encoding="utf-8").strip() if f.is_file() else "unknown" for f in files]
-    return {name: found.count(name) for name in dict.fromkeys(found)}
+    versions = {name: found.count(name) for name in dict.fromkeys(found)}
+    partial = len(marks) < cases
+    hours = sum(one.seconds or 0.0 for one in marks) / 3600
+    answered = ", ".join(f"{count} by {name}" for name, count in versions.items())
+    text = [
+        f"# {title}\n\n{'**partial: true.** ' if partial else ''}{len(marks)} of {cases} cases of "
+        f"seed {seed} were answered, {answered}, in {hours:.2f} hours of diagnoses.\n"
+    ]
+    for name, (head, table) in tables.items():
+        text.append(f"## {head}\n\n{table.markdown()}")
+        write_text(folder / f"{name}.csv", table.csv())
+    if dropped := sorted((folder / KEYS).glob(f"*/{DROPPED}")):
+        lines = (f"* {f.parent.name}: {f.read_text(encoding='utf-8').strip()}\n" for f in dropped)
+        text.append(f"## Not drawn\n\n{''.join(lines)}")
+    write_text(folder / "table.md", "\n".join(text))
+    write_text(folder / "cases.csv", score.cases(marks).csv())
+    _, first = next(iter(tables.values()))
+    about = {"seed": seed, "cases": cases, "answered": len(marks), "partial": partial}
+    figures = {str(row[0]): row[1:] for row in first.rows}
+    about |= {"versions": versions, "figures": figures}
+    write_text(folder / "score.json", json.dumps(about, indent=1))
+    log_.info("%s", first.markdown())

@@ -31,14 +31,12 @@ from envs.effects import Effect, make, write_effects
 from hardware.log import Log, read_log, write_log
 from hardware.stand import MODEL
 from sim2real.exam.cases import Case, write_task
-from sim2real.exam.hold import Examiner
+from sim2real.exam.hold import KNOWN, Examiner, Outline, check_data
 from sim2real.exam.logs import overall
 from sim2real.exam.measure import apart
-from sim2real.exam.outline import Outline
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
 
-KNOWN = "known.yaml"
 PART = 30.0  # s of each log
 WORSE = 1.3  # least ratio of an injected gap to the gap before
 TRIES = 6  # sizes that are tried for that
@@ -144,19 +142,10 @@ class RealExam(Examiner):
 
     def draw(self, seed: int) -> list[Outline]:
         """Return the cases; the same seed gives the same ones."""
-        if not self.data:
-            raise Sim2RealError(
-                "exam.data names no folder of real logs; set the environment variable "
-                "SIM2REAL_DATA (docs/explanation/evidence.md names public logs)"
-            )
-        for base in BASES.values():
-            if not (self._folder(base) / base.model).is_file():
-                raise Sim2RealError(
-                    f"exam.data={self.data} has no {base.folder}/{base.model}; set the "
-                    f"environment variable SIM2REAL_DATA to the folder of real logs"
-                )
+        for robot, base in BASES.items():
+            check_data(self.data, f"{base.folder}/{base.model}", robot)
         wanted = [
-            (robot, effect)
+            (robot, (effect,))
             for robot, base in BASES.items()
             for effect in base.where
             for _ in range(self.each)
@@ -164,8 +153,8 @@ class RealExam(Examiner):
         order = np.random.default_rng([seed, 0]).permutation(len(wanted))
         seeds = np.random.SeedSequence(seed).generate_state(len(wanted))
         return [
-            Outline(f"case_{i:03d}", "one", *_named(wanted[k]), int(seeds[i]))
-            for i, k in enumerate(order)
+            Outline(f"case_{i:03d}", "one", wanted[k][0], wanted[k][1], int(seeds[i]))
+            for i, k in enumerate(order.tolist())
         ]
 
     def make(self, outline: Outline, logs: Path, key: Path) -> bool:
@@ -178,7 +167,7 @@ class RealExam(Examiner):
         spec = keep_joints(self._folder(base) / base.model, base.joints)
         model = spec.copy().compile()
         held = self._log(base, base.held)
-        residue = overall(apart(held, spec, _effects(known(base))))
+        residue = overall(apart(held, spec, _effects(base.known)))
         low, high = SIZES[base.folder][effect]
         for size in np.linspace(rng.uniform(low, high), high, TRIES).tolist():
             lie = inject(effect, where, size if up else -size, base, model)
@@ -220,7 +209,7 @@ class Lie(NamedTuple):
     """One thing made wrong: in the logs, in the simulator's inputs, or in its masses."""
 
     value: float  # of the effect that undoes it
-    known: list[tuple[str, str, float]]
+    known: Sequence[tuple[str, str, float]]
     delay: float = 0.0  # s
     offset: tuple[str, float] | None = None  # joint, rad
     mass: tuple[str, float] | None = None  # body, kg added to what it weighs
@@ -259,7 +248,7 @@ def inject(effect: str, where: str | None, size: float, base: Base, model: mujoc
     Raises:
         Sim2RealError: an effect that cannot be hidden in real logs.
     """
-    right = known(base)
+    right = base.known
     match effect:
         case "observation_delay":
             return Lie(abs(size), right, delay=abs(size))
@@ -279,11 +268,6 @@ def inject(effect: str, where: str | None, size: float, base: Base, model: mujoc
     raise Sim2RealError(
         f"{effect} cannot be hidden in real logs; available: {', '.join(base.where)}"
     )
-
-
-def known(base: Base) -> list[tuple[str, str, float]]:
-    """Return the known effects of a robot."""
-    return list(base.known)
 
 
 def keep_joints(path: Path, joints: Sequence[str]) -> mujoco.MjSpec:
@@ -311,8 +295,3 @@ def shortened(log: Log, joints: Sequence[str]) -> Log:
 
 def _effects(entries: Sequence[tuple[str, str, float]]) -> list[tuple[Effect, tuple[float, ...]]]:
     return [(make(name, where=joint), (value,)) for name, joint, value in entries]
-
-
-def _named(pair: tuple[str, str]) -> tuple[str, tuple[str, ...]]:
-    robot, effect = pair
-    return robot, (effect,)

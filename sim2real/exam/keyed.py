@@ -12,25 +12,21 @@ What a model withholds is known, its true size only as well as its publishers co
 """
 
 import json
-import logging
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from hardware.log import read_log, write_log
-from sim2real.exam.answer import REPORT
 from sim2real.exam.cases import write_task
-from sim2real.exam.hold import ANSWERS, Examiner, opened
-from sim2real.exam.outline import KEY, Outline
-from sim2real.exam.score import wilson, words
+from sim2real.exam.hold import KEY, Examiner, Outline, check_data, read_case
+from sim2real.exam.score import cases, wilson, words
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
 
-log_ = logging.getLogger(__name__)
 NEAR = 0.2  # s: how near to its moment a push has to be
 
 
@@ -84,7 +80,7 @@ class KeyedExam(Examiner):
 
     Args:
         data: the folder of real logs, which the environment variable SIM2REAL_DATA names.
-        cases: arguments of each case by its name, see `read_case`.
+        cases: arguments of each case by its name, see `make_case`.
         longest, block, most: see `Examiner`.
 
     Raises:
@@ -94,6 +90,7 @@ class KeyedExam(Examiner):
 
     data: str | None
     cases: Mapping[str, Mapping[str, Any]]
+    title: ClassVar[str] = "Robots with a published key"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -102,18 +99,13 @@ class KeyedExam(Examiner):
     @cached_property
     def keyed(self) -> dict[str, Keyed]:
         """The cases by name."""
-        return {name: read_case(name, entry) for name, entry in self.cases.items()}
+        return {name: make_case(name, entry) for name, entry in self.cases.items()}
 
     def draw(self, seed: int) -> list[Outline]:
         """Return the cases; nothing is drawn, so that any seed gives the same ones."""
         for name, case in self.keyed.items():
             for part in (case.log, case.model):
-                if not self.data or not Path(self.data, part).is_file():
-                    raise Sim2RealError(
-                        f"exam.data={self.data or None} has no {part}, which "
-                        f"{name} needs; set the environment variable SIM2REAL_DATA to the folder "
-                        f"of real logs (docs/explanation/evidence.md names the public sources)"
-                    )
+                check_data(self.data, part, name)
         return [
             Outline(name, "keyed", Path(case.log).parts[0], (), seed)
             for name, case in self.keyed.items()
@@ -136,15 +128,25 @@ class KeyedExam(Examiner):
         write_text(key / KEY, json.dumps({"name": outline.name}) + "\n")
         return True
 
-    def report(self, folder: Path, drawn: int, seed: int) -> list[KeyedMark]:
-        """Mark the answered cases and write the tables; see `Examiner`."""
-        names, cases = opened(folder, drawn)
-        marks = [mark(name, self.keyed[name], _answer(folder, name)) for name in names]
-        _write(marks, folder, cases)
-        return marks
+    def mark(self, folder: Path, name: str) -> KeyedMark:
+        """Compare the answer to a case with what was published."""
+        return mark(name, self.keyed[name], read_case(folder, name)[1])
+
+    def summarize(
+        self, marks: Sequence[KeyedMark], seed: int, plots: Path
+    ) -> dict[str, tuple[str, Table]]:
+        """Return the figures and all cases; see `Examiner`."""
+        figures = Table(("figure", "cases", "value"))
+        for label, hits in (
+            ("all that is withheld is named", [one.named for one in marks]),
+            ("nothing else is", [one.alone for one in marks]),
+            ("verdict as expected", [one.verdict for one in marks]),
+        ):
+            figures.add(label, len(hits), wilson(hits))
+        return {"table": ("Figures", figures), "cases": ("Cases", cases(marks))}
 
 
-def read_case(name: str, entry: Mapping[str, Any]) -> Keyed:
+def make_case(name: str, entry: Mapping[str, Any]) -> Keyed:
     """Return a case from its arguments; those of each `wanted` cause are a mapping as well.
 
     Raises:
@@ -188,28 +190,3 @@ def _acts(cause: Mapping[str, Any], episode: int, moment: float) -> bool:
         return False
     first, last = cause["seconds"]
     return first - NEAR <= moment <= last + NEAR
-
-
-def _answer(folder: Path, name: str) -> Mapping[str, Any] | None:
-    file = folder / ANSWERS / name / REPORT
-    return json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None
-
-
-def _write(marks: Sequence[KeyedMark], folder: Path, cases: int) -> None:
-    """Write table.md and cases.csv."""
-    figures = Table(("figure", "cases", "value"))
-    for label, hits in (
-        ("all that is withheld is named", [one.named for one in marks]),
-        ("nothing else is", [one.alone for one in marks]),
-        ("verdict as expected", [one.verdict for one in marks]),
-    ):
-        figures.add(label, len(hits), wilson(hits))
-    answers = Table(tuple(KeyedMark.__dataclass_fields__))
-    for one in marks:
-        values = [getattr(one, name) for name in KeyedMark.__dataclass_fields__]
-        answers.add(*(int(v) if isinstance(v, bool) else v for v in values))
-    head = f"{len(marks)} of {cases} cases were answered."
-    text = f"# Robots with a published key\n\n{head}\n\n{figures.markdown()}\n{answers.markdown()}"
-    write_text(folder / "table.md", text)
-    write_text(folder / "cases.csv", answers.csv())
-    log_.info("%s", figures.markdown())

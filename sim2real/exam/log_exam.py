@@ -17,21 +17,19 @@ import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from hardware.config import load_robot
 from hardware.errors import HardwareError
 from hardware.log import Log, write_log
-from sim2real.exam.answer import REPORT
 from sim2real.exam.cases import evenly, write_task
 from sim2real.exam.hiding import EFFECTS
-from sim2real.exam.hold import ANSWERS, DROPPED, KEYS, Examiner, opened, write_tables
+from sim2real.exam.hold import KEY, Examiner, Outline, read_case
 from sim2real.exam.log_mistakes import KINDS, PAIRED, Mistake, draw_mistake
 from sim2real.exam.logs import drive, exam_robot, plans
-from sim2real.exam.outline import KEY, Outline
-from sim2real.exam.score import wilson, words
+from sim2real.exam.score import cases, wilson, words
 from sim2real.exam.sizes import Hidden, entries, hide
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
@@ -80,6 +78,7 @@ class LogExam(Examiner):
     robots: Sequence[str]
     count: int
     beside: int
+    title: ClassVar[str] = "Mistakes of logs"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -135,12 +134,15 @@ class LogExam(Examiner):
         write_text(key / KEY, json.dumps(truth, indent=1) + "\n")
         return True
 
-    def report(self, folder: Path, drawn: int, seed: int) -> list[LogMark]:
-        """Mark the answered cases and write the tables; see `Examiner`."""
-        names, cases = opened(folder, drawn)
-        marks = [_marked(folder, name) for name in names]
-        _write(marks, folder, seed, cases)
-        return marks
+    def mark(self, folder: Path, name: str) -> LogMark:
+        """Compare the answer to a case with its key."""
+        return mark(*read_case(folder, name))
+
+    def summarize(
+        self, marks: Sequence[LogMark], seed: int, plots: Path
+    ) -> dict[str, tuple[str, Table]]:
+        """Return the figures and all cases; see `Examiner`."""
+        return {"table": ("Figures", summary(marks)), "cases": ("Cases", cases(marks))}
 
 
 def mark(key: Mapping[str, Any], report: Mapping[str, Any] | None) -> LogMark:
@@ -193,27 +195,6 @@ def _plain(log: Log) -> Log:
     """Return a log with the columns that any client writes."""
     kept = {n: v for n, v in log.columns.items() if n.partition(".")[0] in COLUMNS}
     return replace(log, columns=kept)
-
-
-def _marked(folder: Path, name: str) -> LogMark:
-    key = json.loads((folder / KEYS / name / KEY).read_text(encoding="utf-8"))
-    file = folder / ANSWERS / name / REPORT
-    return mark(key, json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None)
-
-
-def _write(marks: Sequence[LogMark], folder: Path, seed: int, cases: int) -> None:
-    """Write table.md, table.csv, cases.csv and score.json."""
-    names = tuple(LogMark.__dataclass_fields__)
-    answers = Table(names)
-    for one in marks:
-        values = [getattr(one, name) for name in names]
-        answers.add(*(int(v) if isinstance(v, bool) else v for v in values))
-    dropped = len(list((folder / KEYS).glob(f"*/{DROPPED}")))
-    head = f"# Mistakes of logs\n\n{len(marks)} of {cases} cases of seed {seed} were answered"
-    head += f"; {dropped} could not be made." if dropped else "."
-    about = {"seed": seed, "cases": cases, "answered": len(marks)}
-    parts = {"table": ("Figures", summary(marks)), "cases": ("Cases", answers)}
-    write_tables(folder, head, parts, about)
 
 
 def summary(marks: Sequence[LogMark]) -> Table:

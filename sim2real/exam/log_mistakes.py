@@ -25,7 +25,7 @@ since the same one in both is an `encoder_offset`. The conventions of values:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -35,6 +35,7 @@ from hardware.log import Log
 
 COMMAND, READING, SPEED = "ctrl", "qpos", "qvel"
 KINDS = ("row_shift", "reversal", "scale", "offset", "turn", "unit", "clock", "swap", "column_map")
+UNKNOWN = f"unknown mistake {{!r}}; choose one of: {', '.join(KINDS)}"
 PAIRED = ("swap", "column_map")  # needs two joints
 SPEEDLESS = ("offset", "turn")  # of a position; its speed is right
 MOST_ROWS = 3  # that a column is shifted by
@@ -96,7 +97,7 @@ class Mistake:
                 return log.columns[other]
             case "column_map":
                 return values + log.columns[other]
-        raise ValueError(f"unknown mistake {self.kind!r}; choose one of: {', '.join(KINDS)}")
+        raise ValueError(UNKNOWN.format(self.kind))
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry of a key."""
@@ -128,7 +129,34 @@ def draw_mistake(rng: np.random.Generator, log: Log, kind: str | None = None) ->
     if kind is None:
         kinds = [name for name in KINDS if name not in PAIRED or len(joints) > 1]
         kind = str(rng.choice(kinds))
-    return _DRAWS[kind](rng, log, joints)
+    match kind:
+        case "row_shift":
+            columns, rows = _either(rng), float(rng.integers(1, MOST_ROWS + 1))
+            value = rows if columns == (COMMAND,) else -rows
+            return Mistake(kind, columns, _place(rng, joints), value)
+        case "reversal":
+            return Mistake(kind, _any(rng), str(rng.choice(joints)), -1.0)
+        case "scale":
+            return Mistake(kind, _either(rng), _place(rng, joints), _factor(rng, SCALES))
+        case "offset":
+            size = float(rng.uniform(*OFFSETS) * rng.choice((-1, 1)))
+            return Mistake(kind, _either(rng), str(rng.choice(joints)), size)
+        case "turn":
+            row = int(rng.uniform(*JUMPS) * len(log))
+            seconds = float(log.time[row]) if rng.integers(2) else None
+            turns = float(rng.choice((-1, 1)))
+            return Mistake(kind, (READING,), str(rng.choice(joints)), turns, seconds=seconds)
+        case "unit":
+            return Mistake(kind, _any(rng), _place(rng, joints), 180 / math.pi)
+        case "clock":
+            return Mistake(kind, ("time",), None, _factor(rng, CLOCKS))
+        case "swap":
+            joint, other = map(str, rng.choice(joints, 2, replace=False))
+            return Mistake(kind, _either(rng), joint, 1.0, other)
+        case "column_map":
+            number = int(rng.integers(1, len(joints)))
+            return Mistake(kind, (READING,), joints[number], 1.0, joints[number - 1])
+    raise ValueError(UNKNOWN.format(kind))
 
 
 def _either(rng: np.random.Generator) -> tuple[str, ...]:
@@ -147,62 +175,3 @@ def _place(rng: np.random.Generator, joints: list[str]) -> str | None:
 def _factor(rng: np.random.Generator, limits: tuple[float, float]) -> float:
     size = float(np.exp(rng.uniform(*np.log(limits))))
     return size if rng.integers(2) else 1 / size
-
-
-def _row_shift(rng: np.random.Generator, log: Log, joints: list[str]) -> Mistake:
-    (column,) = _either(rng)
-    rows = float(rng.integers(1, MOST_ROWS + 1))
-    return Mistake(
-        "row_shift", (column,), _place(rng, joints), rows if column == COMMAND else -rows
-    )
-
-
-def _reversal(rng: np.random.Generator, log: Log, joints: list[str]) -> Mistake:
-    return Mistake("reversal", _any(rng), str(rng.choice(joints)), -1.0)
-
-
-def _scale(rng: np.random.Generator, log: Log, joints: list[str]) -> Mistake:
-    return Mistake("scale", _either(rng), _place(rng, joints), _factor(rng, SCALES))
-
-
-def _offset(rng: np.random.Generator, log: Log, joints: list[str]) -> Mistake:
-    size = float(rng.uniform(*OFFSETS) * rng.choice((-1, 1)))
-    return Mistake("offset", _either(rng), str(rng.choice(joints)), size)
-
-
-def _turn(rng: np.random.Generator, log: Log, joints: list[str]) -> Mistake:
-    row = int(rng.uniform(*JUMPS) * len(log))
-    seconds = float(log.time[row]) if rng.integers(2) else None
-    turns = float(rng.choice((-1, 1)))
-    return Mistake("turn", (READING,), str(rng.choice(joints)), turns, seconds=seconds)
-
-
-def _unit(rng: np.random.Generator, log: Log, joints: list[str]) -> Mistake:
-    return Mistake("unit", _any(rng), _place(rng, joints), 180 / math.pi)
-
-
-def _clock(rng: np.random.Generator, log: Log, joints: list[str]) -> Mistake:
-    return Mistake("clock", ("time",), None, _factor(rng, CLOCKS))
-
-
-def _swap(rng: np.random.Generator, log: Log, joints: list[str]) -> Mistake:
-    joint, other = map(str, rng.choice(joints, 2, replace=False))
-    return Mistake("swap", _either(rng), joint, 1.0, other)
-
-
-def _column_map(rng: np.random.Generator, log: Log, joints: list[str]) -> Mistake:
-    number = int(rng.integers(1, len(joints)))
-    return Mistake("column_map", (READING,), joints[number], 1.0, joints[number - 1])
-
-
-_DRAWS: Mapping[str, Callable[[np.random.Generator, Log, list[str]], Mistake]] = {
-    "row_shift": _row_shift,
-    "reversal": _reversal,
-    "scale": _scale,
-    "offset": _offset,
-    "turn": _turn,
-    "unit": _unit,
-    "clock": _clock,
-    "swap": _swap,
-    "column_map": _column_map,
-}

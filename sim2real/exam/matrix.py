@@ -33,11 +33,7 @@ class Confusion(NamedTuple):
 def confusion(marks: Sequence[Mark]) -> Confusion:
     """Count the cases with one hidden effect, and those with none."""
     asked = [one for one in marks if one.kind in ("one", "none")]
-    return counted([(one.truths[0] if one.truths else NOTHING, one.first) for one in asked])
-
-
-def counted(pairs: Sequence[tuple[str, str]]) -> Confusion:
-    """Count pairs of what was hidden and what was named first."""
+    pairs = [(one.truths[0] if one.truths else NOTHING, one.first) for one in asked]
     order = [*EFFECTS, NOTHING]
     hidden = sorted({truth for truth, _ in pairs}, key=order.index)
     right = [RIGHT_OF_NOTHING if name == NOTHING else name for name in hidden]

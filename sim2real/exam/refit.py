@@ -24,7 +24,7 @@ from envs.plant import Plant
 from envs.replay import DivergedError, switchable
 from hardware.config import Robot
 from hardware.log import Log
-from sim2real.exam.hiding import EFFECTS, moved, place_of, scales
+from sim2real.exam.hiding import EFFECTS, moved, place_of, scales, value_of
 from sim2real.exam.measure import residuals
 
 RIVAL_FLOORS = 2.0  # floors: what a rival may leave
@@ -172,25 +172,13 @@ def search(
 
 def _values(effect: Effect, span: Sizes, unit: float, point: np.ndarray) -> list[float]:
     """Return the parameters at a point of [-1, 1]^P: sizes go from nothing outwards."""
-
-    def sized(x: float) -> float:
-        low, high = math.log(span.low), math.log(span.high)
-        return math.exp(low + abs(x) * (high - low))
-
     first = float(point[0])
-    match span.form:
-        case "add":
-            own = [sized(first) * unit]
-        case "signed":
-            own = [math.copysign(sized(first), first) * unit]
-        case "factor":
-            own = [math.exp(math.copysign(sized(first), first))]
-        case "limit":
-            own = [unit / sized(first)]
-        case "mass":
-            own = [unit * (math.exp(math.copysign(sized(first), first)) - 1)]
-        case "tilt":
-            own = [span.high * float(x) for x in point[:2]]
+    if span.form == "tilt":
+        own = [span.high * float(x) for x in point[:2]]
+    else:
+        low, high = math.log(span.low), math.log(span.high)
+        size = math.exp(low + abs(first) * (high - low))
+        own = [value_of(span.form, size, unit, first)]
     free = [e.typical for e in effect.extras if e.typical is not None]
     further = zip(free, point[len(own) :], strict=True)
     return own + [low + (float(x) + 1) / 2 * (high - low) for (low, high), x in further]

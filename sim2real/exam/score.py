@@ -40,6 +40,7 @@ from sim2real.runs.tables import Table
 LARGEST_SET = 3
 LEVEL = 0.95
 DRAWS = 4000
+EDGES = (0.0, 0.5, 0.8, 0.9, 0.95, 1.001)  # of the confidences in the table of calibration
 # Effects whose value means the same in the emulator's laws and in the vocabulary's.
 COMPARABLE = tuple(name for name in HIDDEN if EFFECTS[name].comparable)
 Named = tuple[str, str | None]  # effect and place
@@ -349,11 +350,11 @@ def mean(values: Sequence[float] | np.ndarray) -> float | None:
     return float(np.mean(values)) if len(values) else None
 
 
-def calibration(marks: Sequence[CaseMark], edges: Sequence[float]) -> Table:
+def calibration(marks: Sequence[CaseMark]) -> Table:
     """Return how often the first cause is right, by the confidence that it was named with."""
     table = Table(("confidence", "cases", "mean confidence", "right"))
     said, right = confidences(marks)
-    for low, high in pairwise(edges):
+    for low, high in pairwise(EDGES):
         own = (low <= said) & (said < high)
         words = f"{low:g} to {min(high, 1.0):g}"
         table.add(words, int(own.sum()), mean(said[own]), wilson(right[own].tolist()))
@@ -381,8 +382,8 @@ def failures(marks: Sequence[CaseMark], *sizes: str) -> Table:
     return table
 
 
-def cases(marks: Sequence[CaseMark]) -> Table:
-    """Return every case with all its marks."""
+def cases(marks: Sequence[Any]) -> Table:
+    """Return every case of an exam with all its marks."""
     names = [name for name in type(marks[0]).__dataclass_fields__ if name != "truths"]
     table = Table(names)
     for one in marks:

@@ -2,11 +2,12 @@
 
 from collections import Counter
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 
-from benchmarks import bands
+from benchmarks import bands, so101, xl330
 from benchmarks.cases import read_csv
 from envs.distribution import Distribution
 from sim2real.identification.methods.base import FitContext
@@ -59,3 +60,11 @@ def test_without_the_logs_it_says_so(tmp_path: Path, capsys: pytest.CaptureFixtu
     """Nothing is written."""
     assert bands.main(["xl330", "--data", str(tmp_path), "--results", str(tmp_path)]) == 0
     assert "skipped" in capsys.readouterr().out and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("bench", [so101, xl330], ids=["so101", "xl330"])
+def test_without_logs_a_benchmark_is_skipped(bench: ModuleType, capsys, monkeypatch) -> None:
+    """It says where logs are, and fails nothing."""
+    monkeypatch.delenv("SIM2REAL_DATA", raising=False)
+    assert bench.main([]) == 0
+    assert "docs/explanation/evidence.md" in capsys.readouterr().err

@@ -84,7 +84,7 @@ def test_the_table_counts_each_kind(tmp_path: Path) -> None:
         bench.Row("1-0", "unchanged", "", 0, "unchanged", "", 1, 0, "1.0"),
         bench.Row("1-1", "zero", "elbow", 1, "changed", "x", 0, 1, "3.0"),
     ]
-    given = argparse.Namespace(pairs=2, seed=1, seconds=120.0, kinds=["zero"], out=tmp_path)
+    given = argparse.Namespace(pairs=2, seed=1, seconds=120.0, kinds=["zero"], results=tmp_path)
     bench.keep(rows, given)
     text = (tmp_path / "compare.md").read_text()
     assert text.index("unchanged") < text.index("zero of the elbow, bolted")
@@ -102,5 +102,5 @@ def test_a_pair_that_is_there_is_not_made_again(tmp_path: Path, monkeypatch) -> 
 
     monkeypatch.setattr(bench, "judge", judge)
     for pairs in ("2", "3"):
-        bench.main(["--pairs", pairs, "--seed", "4", "--out", str(tmp_path)])
+        bench.main(["--pairs", pairs, "--seed", "4", "--results", str(tmp_path)])
     assert made == [0, 1, 2]

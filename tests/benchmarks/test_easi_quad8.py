@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.cases import read_csv
-from benchmarks.easi import quad8, quad8_report
+from benchmarks.easi import quad8, report
 from benchmarks.easi.__main__ import main
 from benchmarks.easi.plan import SHIFTS, Plan
 from benchmarks.easi.steps import prior
@@ -25,8 +25,8 @@ class Shell:
         monkeypatch.setattr("benchmarks.easi.steps.sim2real", self.run)
         monkeypatch.setattr(quad8, "trained", lambda folder: 0)
         monkeypatch.setattr(quad8, "walked", self.walk)
-        monkeypatch.setattr(quad8_report, "find", lambda folder: folder)
-        monkeypatch.setattr(quad8_report, "read_metadata", lambda folder: {"frames": 100})
+        monkeypatch.setattr(report, "find", lambda folder: folder)
+        monkeypatch.setattr(report, "read_metadata", lambda folder: {"frames": 100})
 
     def run(self, *arguments: str) -> bool:
         """Train or identify."""

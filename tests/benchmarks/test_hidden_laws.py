@@ -66,7 +66,7 @@ def test_cases_that_are_there_are_not_run_again(tmp_path: Path, monkeypatch) -> 
     monkeypatch.setattr(bench, "judge", judge)
     monkeypatch.setattr(bench, "exam_robot", lambda name, folder: None)
     for cases, more in ((2, []), (3, ["--npe"])):
-        assert bench.main(["--cases", str(cases), "--out", str(tmp_path), *more]) == 0
+        assert bench.main(["--cases", str(cases), "--results", str(tmp_path), *more]) == 0
     assert asked == [0, 1, 2]
     rows = typed(bench.Row, Cases(tmp_path / "hidden_laws.csv", bench.Row._fields).rows)
     assert [row.case for row in rows] == ["1-0", "1-1", "1-2"] and rows[2].npe == "0.2"

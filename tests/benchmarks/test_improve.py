@@ -34,7 +34,6 @@ def test_what_is_closed_of_the_gap(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     """Three quarters and one quarter of 2 are a half; a robot without a gap does not count."""
     monkeypatch.setattr(study, "sim2real", job)
     monkeypatch.setattr(improve, "best", lambda case, told: [2.5, 2.5])
-    monkeypatch.setattr(improve, "DRAWS", 200)
     words = ["--robots", "hopper2", "--seeds", "0", "--out", str(tmp_path / "runs")]
     words += ["--results", str(tmp_path / "results")]
     assert main([*words, "--most", "2"]) == 0

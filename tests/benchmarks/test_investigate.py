@@ -35,4 +35,4 @@ def test_a_wrong_number_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     """No robots at all is no benchmark."""
     with pytest.raises(SystemExit):
         investigate.main(["--robots", "0"])
-    assert "--robots must be at least 1" in capsys.readouterr().err
+    assert "--robots: 0 must be at least 1" in capsys.readouterr().err

@@ -155,7 +155,7 @@ def test_a_wrong_seed_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: P
     """With a sentence; and a report of nothing writes nothing."""
     with pytest.raises(SystemExit):
         main(["--seeds", "-1"])
-    assert "must not be negative" in capsys.readouterr().err
+    assert "--seeds: -1 must be at least 0" in capsys.readouterr().err
     assert main(["--report", "--out", str(tmp_path), "--results", str(tmp_path / "r")]) == 0
     assert not (tmp_path / "r").exists()
 

@@ -9,16 +9,18 @@ import pytest
 
 from benchmarks.cases import read_csv
 from benchmarks.seeds import train
-from benchmarks.seeds.__main__ import PAGE, RESULTS, main
+from benchmarks.seeds.__main__ import PAGE, main
 from benchmarks.seeds.claims import decide
 from benchmarks.seeds.figures import Found, find
 from benchmarks.seeds.page import load, page, rows
+from benchmarks.study import RESULTS
 from envs.params import Parameter
 from sim2real import compose
 from sim2real.evaluation.grid import Axis, Grid
 from sim2real.evaluation.scores import GridScores
 from sim2real.runs.errors import Sim2RealError
 
+TOY = {"do": ["+experiment=nav2d"]}
 TABLES = {"t": {"file": "t.csv", "run": "seed", "value": "after", "steps": "steps"}}
 TABLE = """seed,kind,x,before,after,steps
 0,a,1,1,10,100
@@ -147,9 +149,7 @@ def test_new_results_fill_a_row(tmp_path: Path) -> None:
         for figure, value in (("source", 1500 + seed), ("target", 900 - seed)):
             lines.append(f"trpo_source,{seed},{figure},{value},500000,3.0,c,v")
     (tmp_path / "seeds.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    find.__globals__["_read"].cache_clear()
     filled = {row.about["id"]: row for row in rows(content, tmp_path)}
-    find.__globals__["_read"].cache_clear()
     trpo = filled["trpo"]
     assert trpo.run and [v.answer for v in trpo.verdicts] == ["holds", "not run"]
     runs, minutes = (content["trainings"]["trpo_target"][k] for k in ("runs", "minutes"))
@@ -179,7 +179,7 @@ def trainings(
 def test_a_training_is_done_once_and_its_figures_stay(tmp_path: Path, monkeypatch) -> None:
     """A complete run is skipped; the rows of runs that are elsewhere stay in the table."""
     jobs = trainings(monkeypatch, lambda number: 0.0)
-    plan = train.Plan({"toy": ["+experiment=nav2d"]}, tmp_path / "out", tmp_path / "seeds.csv")
+    plan = train.Plan({"toy": TOY}, tmp_path / "out", tmp_path / "seeds.csv")
     plan.table.write_text(",".join(train.COLUMNS) + "\nold,7,after,1.5,10,0.1,c,v\n", "utf-8")
     assert train.run("toy", [0, 1], plan) == 0
     assert train.run("toy", [0, 1], plan) == 0
@@ -201,7 +201,7 @@ def test_an_evaluation_after_training_gives_the_figures(tmp_path: Path, monkeypa
     levels = {2: None, 3: 10.0}
     jobs = trainings(monkeypatch, lambda number: levels.get(number, 0.0))
     out, table = tmp_path / "out", tmp_path / "seeds.csv"
-    plan = train.Plan({"toy": ["+experiment=nav2d"]}, out, table, {"toy": ["adapt=batch"]})
+    plan = train.Plan({"toy": TOY | {"then": ["adapt=batch"]}}, out, table)
     assert train.run("toy", [0], plan) == 1 and read_csv(table) == []
     assert train.run("toy", [0], plan) == 0
     assert [words[0] for words in jobs] == ["+experiment=nav2d", *("run=evaluate",) * 2]
@@ -225,15 +225,9 @@ def leave_scores(folder: Path, more: float = 0.0) -> None:
 def test_a_policy_is_trained_once_for_several_evaluations(tmp_path: Path, monkeypatch) -> None:
     """Each has figures of its own, and the policy's own stay where they are."""
     jobs = trainings(monkeypatch, lambda number: float(number))
-    do, then = ["+experiment=nav2d"], ["adapt=noisy"]
-    names, of = ("toy", "one", "other"), {"one": "toy", "other": "toy"}
-    plan = train.Plan(
-        dict.fromkeys(names, do),
-        tmp_path / "out",
-        tmp_path / "seeds.csv",
-        {"one": then, "other": then},
-        of,
-    )
+    other = {"of": "toy", "then": ["adapt=noisy"]}
+    trained = {"toy": TOY, "one": other, "other": other}
+    plan = train.Plan(trained, tmp_path / "out", tmp_path / "seeds.csv")
     assert train.run("one", [0], plan) + train.run("other", [0], plan) == 0
     assert [words[0] for words in jobs] == ["+experiment=nav2d", *("run=evaluate",) * 2]
     assert all(f"checkpoint={tmp_path / 'out' / 'toy' / 'seed0'}" in words for words in jobs[1:])

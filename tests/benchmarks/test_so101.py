@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks import so101
-from benchmarks.so101 import ARM, FIT, HELD_OUT, closed, main, overall, report
+from benchmarks.so101 import ARM, FIT, HELD_OUT, closed, overall, report
 from envs.effects import make, write_effects
 from hardware.log import Log
 from sim2real.runs.statistics import Interval
@@ -33,7 +33,7 @@ def test_the_report_has_joints_causes_and_logs(tmp_path: Path, monkeypatch) -> N
     parts = tuple(np.radians(value) * ones for value in (2.0, 0.6, 0.2, 0.5))
     monkeypatch.setattr(so101, "replayed", lambda data, out: (*parts, 0.9))
     cause = {"effect": "position_gain", "where": "elbow_flex", "value": 0.011, "unit": ""}
-    cause |= {"value_ci": [0.01, 0.012], "closed": 0.7}
+    cause |= {"value_ci": [0.01, 0.012], "closed": 0.7, "equivalent": []}
     answer = {"verdict": "partly_explained", "gap": {"before": 0.035, "after": 0.01}}
     answer |= {"causes": [cause], "unexplained": {"structure": "slow"}}
     folder = tmp_path / "diagnosis"
@@ -48,7 +48,10 @@ def test_the_report_has_joints_causes_and_logs(tmp_path: Path, monkeypatch) -> N
     assert isinstance(share, Interval)
     assert share.value == pytest.approx(1.4 / 1.8)
     page = (tmp_path / "results" / "so101.md").read_text()
-    assert "What is left: slow." in page and "| position_gain | elbow_flex |" in page
+    assert (
+        "What is left: slow." in page
+        and "| position_gain | elbow_flex | 0.011 [0.01, 0.012] |" in page
+    )
     assert "In 10% of them the gripper is more than 2 cm below" in page
     assert "In the others 0.50 degrees are left." in page
     assert (tmp_path / "results" / "so101.png").is_file()
@@ -68,10 +71,3 @@ def test_where_the_gripper_is_below_its_base() -> None:
     columns["qpos.shoulder_lift"] = lift
     log = Log({"episode": np.zeros(4), "time": np.arange(4.0), **columns}, {}, None)
     assert so101.in_the_air(log, spec.compile()).tolist() == [True, True, True, False]
-
-
-def test_without_logs_it_is_skipped(capsys, monkeypatch) -> None:
-    """It says where logs are, and fails nothing."""
-    monkeypatch.delenv("SIM2REAL_DATA", raising=False)
-    assert main([]) == 0
-    assert "docs/explanation/evidence.md" in capsys.readouterr().err

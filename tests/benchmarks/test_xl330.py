@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks import xl330
-from benchmarks.xl330 import COUNTS, FULL, GAINS, gain_of, main, report, share_of_gain
+from benchmarks.xl330 import COUNTS, FULL, GAINS, gain_of, report, share_of_gain
 from envs.effects import make, write_effects
 from hardware.log import Log
 
@@ -59,10 +59,3 @@ def test_the_report_has_causes_and_gains_that_were_left_out(tmp_path: Path, monk
     assert {"100 without_100", "200 without_200", "800 without_800"} <= set(asked)
     page = (tmp_path / "results" / "xl330.md").read_text()
     assert "says 0.500 of the manual's gain" in page and "| position_gain | hinge |" in page
-
-
-def test_without_logs_it_is_skipped(capsys, monkeypatch) -> None:
-    """It says where logs are, and fails nothing."""
-    monkeypatch.delenv("SIM2REAL_DATA", raising=False)
-    assert main([]) == 0
-    assert "docs/explanation/evidence.md" in capsys.readouterr().err

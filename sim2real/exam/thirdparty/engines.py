@@ -8,7 +8,7 @@ Both are given the numbers of `tree`, never an MJCF. An armature is the inertia 
 turns with its joint.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from types import SimpleNamespace
 from typing import Any, Literal, Protocol
@@ -83,31 +83,43 @@ class Drake:
     """Drake's MultibodyPlant with discrete steps (https://drake.mit.edu)."""
 
     def __init__(self, tree: Tree, armature: Mapping[str, float], step: float) -> None:
+        plant = load_drake().MultibodyPlant(step)
+        self._build(plant, tree, armature, step)
+        self._start(tree, lambda: plant)
+
+    def _build(self, plant: Any, tree: Tree, armature: Mapping[str, float], step: float) -> None:
+        """Add a tree's bodies and joints to a plant."""
         drake = load_drake()
-        self._step, self._count = step, 0
-        self._plant = plant = drake.MultibodyPlant(step)
-        bodies: list[Any] = []
+        self._plant, self._step, self._count = plant, step, 0
+        self._bodies: list[Any] = []
         for link in tree.links:
-            bodies.append(self._add(link, bodies, armature))
+            spread = drake.RotationalInertia(*_shape(link))
+            whole = drake.SpatialInertia.MakeFromCentralInertia(link.mass, link.centre, spread)
+            self._bodies.append(plant.AddRigidBody(link.body, whole))
+            self._join(link, armature)
+
+    def _start(self, tree: Tree, system: Callable[[], Any]) -> None:
+        """Finish the plant, and simulate the system that it is then, or is a part of."""
+        plant = self._plant
         plant.mutable_gravity_field().set_gravity_vector(tree.gravity)
         plant.Finalize()
         joints = [plant.GetJointByName(name) for name in tree.names]
         self._order = np.array([joint.position_start() for joint in joints], int)
-        self._simulator = drake.Simulator(plant)
-        self._context = self._simulator.get_mutable_context()
+        self._fast = np.array([joint.velocity_start() for joint in joints], int)
+        self._simulator = load_drake().Simulator(system())
+        root = self._simulator.get_mutable_context()
+        self._context = plant.GetMyMutableContextFromRoot(root)
         port = plant.get_applied_generalized_force_input_port()
-        self._torque = port.FixValue(self._context, np.zeros(len(joints)))
+        self._torque = port.FixValue(self._context, np.zeros(plant.num_velocities()))
 
-    def _add(self, link: Link, bodies: list[Any], armature: Mapping[str, float]) -> Any:
-        drake = load_drake()
-        plant, spread = self._plant, drake.RotationalInertia(*_shape(link))
-        whole = drake.SpatialInertia.MakeFromCentralInertia(link.mass, link.centre, spread)
-        body = plant.AddRigidBody(link.body, whole)
-        parent = bodies[link.parent] if link.parent >= 0 else plant.world_body()
+    def _join(self, link: Link, armature: Mapping[str, float]) -> None:
+        """Join the newest body to the one that carries it."""
+        drake, plant, body = load_drake(), self._plant, self._bodies[-1]
+        parent = self._bodies[link.parent] if link.parent >= 0 else plant.world_body()
         place = drake.RigidTransform(drake.RotationMatrix(link.rotation), link.position)
         if link.joint is None:
             plant.WeldFrames(parent.body_frame(), body.body_frame(), place)
-            return body
+            return
         kind = drake.PrismaticJoint if link.slides else drake.RevoluteJoint
         anchor = drake.RigidTransform(link.anchor)
         before = drake.FixedOffsetFrame(f"{link.joint}_before", parent.body_frame(), place @ anchor)
@@ -117,7 +129,6 @@ class Drake:
         rotor = plant.AddJointActuator(link.joint, joint)
         rotor.set_default_rotor_inertia(armature[link.joint])
         rotor.set_default_gear_ratio(1.0)
-        return body
 
     def place(self, q: np.ndarray, v: np.ndarray) -> None:  # noqa: D102
         state = np.zeros((2, len(self._order)))
@@ -126,13 +137,13 @@ class Drake:
         self._simulator.Initialize()
 
     def step(self, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # noqa: D102
-        ordered = np.empty(len(self._order))
-        ordered[self._order] = torque
+        ordered = np.zeros(self._plant.num_velocities())
+        ordered[self._fast] = torque
         self._torque.GetMutableData().set_value(ordered)
         self._count += 1
         self._simulator.AdvanceTo(self._count * self._step)
-        state = self._plant.GetPositionsAndVelocities(self._context).reshape(2, -1)
-        return state[0, self._order], state[1, self._order]
+        q, v = (get(self._context) for get in (self._plant.GetPositions, self._plant.GetVelocities))
+        return q[self._order], v[self._fast]
 
 
 class Dart:

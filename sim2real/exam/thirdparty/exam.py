@@ -14,27 +14,27 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 
-from hardware.files import atomic_write
 from hardware.log import Log, write_log
 from sim2real.exam.cases import write_task
-from sim2real.exam.hold import Examiner, opened
+from sim2real.exam.hold import KEY, Examiner, Outline, closed, read_case
 from sim2real.exam.logs import overall
 from sim2real.exam.measure import apart
-from sim2real.exam.outline import KEY, Outline
 from sim2real.exam.refit import RIVAL_FLOORS
+from sim2real.exam.score import calibration, failures
 from sim2real.exam.thirdparty import tables
 from sim2real.exam.thirdparty.engines import EngineName, check_engine
 from sim2real.exam.thirdparty.kinds import KINDS, Kind, draws
 from sim2real.exam.thirdparty.make import Made, make
-from sim2real.exam.thirdparty.marks import Mark
+from sim2real.exam.thirdparty.marks import Mark, mark
 from sim2real.exam.thirdparty.refit import refits
 from sim2real.exam.thirdparty.robots import ROBOTS, Robot, nominal, plan
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
+from sim2real.runs.tables import Table
 
 Half = Literal["calibration", "sealed"]
 REDRAWS = 8  # draws of other effects where a robot cannot show the first ones
@@ -65,6 +65,7 @@ class EngineExam(Examiner):
     engine: EngineName
     seconds: float
     skip: int = 0
+    title: ClassVar[str] = "Blind check on robots of another engine"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -115,9 +116,24 @@ class EngineExam(Examiner):
                 return True
         return False
 
-    def report(self, folder: Path, drawn: int, seed: int) -> list[Mark]:
-        """Mark the answered cases and write tables and pictures; see `Examiner`."""
-        return tables.report(folder, *opened(folder, drawn), seed)
+    def mark(self, folder: Path, name: str) -> Mark:
+        """Compare the answer to a case with its key."""
+        key, report = read_case(folder, name)
+        asked = report is not None and key["kind"] not in ("outside", "off_nominal")
+        return mark(key, report, closed(folder, name, key["residue"]) if asked else None)
+
+    def summarize(
+        self, marks: Sequence[Mark], seed: int, plots: Path
+    ) -> dict[str, tuple[str, Table]]:
+        """Draw the recall; return the figures that the exam aims at, and further tables."""
+        tables.draw(marks, plots / "recall.png")
+        return {
+            "lines": ("What was aimed at", tables.lines(marks)),
+            "kinds": ("Kind by kind", tables.by_kind(marks, np.random.default_rng(seed))),
+            "recall": ("Recall by effect and kind", tables.recall(marks)),
+            "calibration": ("Is the confidence earned?", calibration(marks)),
+            "failures": ("What was answered wrongly", failures(marks, "floors", "background")),
+        }
 
     def _write(self, outline: Outline, made: Made, logs: Path, key: Path) -> bool:
         robot = ROBOTS[outline.robot]
@@ -130,8 +146,7 @@ class EngineExam(Examiner):
         recorded = self._record(robot, made, outline.seed, model)
         spec = nominal(robot)
         spec.compile()
-        with atomic_write(model) as temporary:
-            temporary.write_text(spec.to_xml(), encoding="utf-8")
+        write_text(model, spec.to_xml())
         for name, log in recorded.items():
             if name != "bare":
                 write_log((key if name == "held" else logs) / f"{name}.csv", log)

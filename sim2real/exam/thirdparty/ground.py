@@ -10,7 +10,7 @@ the depth (Hunt and Crossley, J. Appl. Mech. 42 (2), 1975) and Coulomb friction,
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -81,14 +81,10 @@ class Ground(Drake):
         from pydrake import geometry
         from pydrake.systems.framework import DiagramBuilder
 
-        self._step, self._count = step, 0
         builder = DiagramBuilder()
         plant, _ = drake.AddMultibodyPlantSceneGraph(builder, step)
-        self._plant: Any = plant
-        bodies: list[Any] = []
-        for link in tree.links:
-            bodies.append(self._add(link, bodies, armature))
-        self._base = bodies[0]
+        self._build(plant, tree, armature, step)
+        self._base = self._bodies[0]
         rubs = geometry.ProximityProperties()
         law = drake.CoulombFriction(friction, friction)
         geometry.AddContactMaterial(DISSIPATION, STIFFNESS, law, rubs)
@@ -98,24 +94,11 @@ class Ground(Drake):
             place, ball = drake.RigidTransform(foot.place), geometry.Sphere(foot.radius)
             own = plant.GetBodyByName(foot.body)
             plant.RegisterCollisionGeometry(own, place, ball, f"foot of {foot.body}", rubs)
-        plant.mutable_gravity_field().set_gravity_vector(tree.gravity)
-        plant.Finalize()
-        joints = [plant.GetJointByName(name) for name in tree.names]
-        self._order = np.array([joint.position_start() for joint in joints], int)
-        self._fast = np.array([joint.velocity_start() for joint in joints], int)
-        self._simulator = drake.Simulator(builder.Build())
-        root = self._simulator.get_mutable_context()
-        self._context = plant.GetMyMutableContextFromRoot(root)
-        port = plant.get_applied_generalized_force_input_port()
-        self._torque = port.FixValue(self._context, np.zeros(plant.num_velocities()))
+        self._start(tree, builder.Build)
 
-    def _add(self, link: Link, bodies: list[Any], armature: Mapping[str, float]) -> Any:
-        if link.parent >= 0 or link.joint is not None:
-            return super()._add(link, bodies, armature)
-        drake = load_drake()
-        spread = drake.RotationalInertia(*(link.inertia[i] for i in _SIX))
-        whole = drake.SpatialInertia.MakeFromCentralInertia(link.mass, link.centre, spread)
-        return self._plant.AddRigidBody(link.body, whole)
+    def _join(self, link: Link, armature: Mapping[str, float]) -> None:
+        if link.parent >= 0 or link.joint is not None:  # the base is free
+            super()._join(link, armature)
 
     def stand(self, q: np.ndarray, height: float) -> None:
         """Put it upright at rest, its base at a height [m] and its joints at q (n,) [rad]."""
@@ -126,15 +109,6 @@ class Ground(Drake):
         plant.SetFreeBodyPose(self._context, self._base, drake.RigidTransform([0, 0, height]))
         plant.SetVelocities(self._context, np.zeros(plant.num_velocities()))
         self._simulator.Initialize()
-
-    def step(self, torque: np.ndarray) -> tuple[np.ndarray, np.ndarray]:  # noqa: D102
-        ordered = np.zeros(self._plant.num_velocities())
-        ordered[self._fast] = torque
-        self._torque.GetMutableData().set_value(ordered)
-        self._count += 1
-        self._simulator.AdvanceTo(self._count * self._step)
-        q, v = (get(self._context) for get in (self._plant.GetPositions, self._plant.GetVelocities))
-        return q[self._order], v[self._fast]
 
     def base(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the base's place [m], its quaternion w x y z, and its turn along its own axes."""
@@ -152,6 +126,3 @@ class Ground(Drake):
             info.contact_force() * (1 if info.bodyA_index() == world else -1) for info in every
         ]
         return np.sum(forces, axis=0) if forces else np.zeros(3)
-
-
-_SIX = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))

@@ -12,13 +12,11 @@ floors; under a dirty background it is at least twice the background's.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from hardware.errors import HardwareError
-from hardware.log import Log
 from sim2real.exam.logs import difference, overall
 from sim2real.exam.thirdparty.engines import EngineName
 from sim2real.exam.thirdparty.hidden import LAWS, Truth, put
@@ -48,7 +46,6 @@ class Made:
     gap: float  # of all of it [rad]
     floor: float  # [rad]
     background: float = 0.0  # gap of what is a little off everywhere [rad]
-    outside: str | None = None  # the law outside the vocabulary, if there is one
 
 
 class Bench:
@@ -58,27 +55,19 @@ class Bench:
         self._seed = seed
         self.rig = make_rig(robot, engine)
         self._ctrl = plan(robot, LOOK, np.random.default_rng([seed, 5]))
-        self._bare = self._drive(self.rig, seed)
-        assert self._bare is not None
-        again = self._drive(self.rig, seed + 1)
-        assert again is not None
+        self._bare = self.rig.drive(self._ctrl, seed)
+        again = self.rig.drive(self._ctrl, seed + 1)
         count = 2 * np.pi / robot.counts
         self.floor = max(overall(difference(self._bare, again)), count)
 
     def gap(self, rig: Rig) -> float | None:
         """Return a robot's gap [rad]; None if it cannot run so."""
-        log = self._drive(rig, self._seed)
-        if log is None:
-            return None
-        assert self._bare is not None
-        gap = overall(difference(log, self._bare))
-        return gap if gap < WILD else None
-
-    def _drive(self, rig: Rig, seed: int) -> Log | None:
         try:
-            return rig.drive(self._ctrl, seed)
+            log = rig.drive(self._ctrl, self._seed)
         except (HardwareError, RuntimeError, OverflowError, ValueError):
             return None  # it flew apart
+        gap = overall(difference(log, self._bare))
+        return gap if gap < WILD else None
 
     def size(
         self,
@@ -203,17 +192,14 @@ def _truth(
             return entry
 
         def change(size: float, truth: Any = truth) -> Change:
-            return partial(_put, truth(size))
+            entry = truth(size)
+            return lambda rig: put(rig, entry)
 
         least = max(LEAST * bench.floor, BEYOND * background)
         found = bench.size(change, law.low, law.high, floors * bench.floor, least)
         if found is not None:
             return {**truth(found[0]), "gap": found[1]}
     return None
-
-
-def _put(truth: Truth, rig: Rig) -> Rig:
-    return put(rig, truth)
 
 
 def _outside(bench: Bench, name: str, floors: float, rng: np.random.Generator) -> Made | None:
@@ -231,7 +217,7 @@ def _outside(bench: Bench, name: str, floors: float, rng: np.random.Generator) -
         place = joint if law.place else None
         truth = {"effect": name, "where": place, "joint": place, "side": None}
         truth |= {"value": size, "extra": {}, "gap": gap}
-        return Made(change(size)(bench.rig), bench.rig, (truth,), gap, bench.floor, outside=name)
+        return Made(change(size)(bench.rig), bench.rig, (truth,), gap, bench.floor)
     return None
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 FADE = 0.5  # s
+SIZE = 0.4  # part of the way to the nearer limit that is used
 SLOW, FAST = 0.2, 2.5  # Hz
 STEP, HOLD = 0.8, 1.6  # s between jumps
 Wave = Callable[[np.ndarray, int, np.random.Generator], np.ndarray]
@@ -23,7 +24,6 @@ def motion(
     rate: float,
     seconds: float,
     rng: np.random.Generator,
-    size: float = 0.4,
 ) -> np.ndarray:
     """Return the angles of a motion, (T, n) [rad].
 
@@ -34,9 +34,8 @@ def motion(
         rate: rows a second.
         seconds: of the whole motion.
         rng: of phases and poses.
-        size: part of the way to the nearer limit that is used.
     """
-    reach = size * np.minimum(high - home, home - low)
+    reach = SIZE * np.minimum(high - home, home - low)
     rows = round(seconds * rate / len(WAVES))
     time = np.arange(rows) / rate
     fade = np.clip(np.minimum(time, time[-1] - time) / FADE, 0, 1)[:, None]

@@ -26,6 +26,7 @@ from sim2real.exam.thirdparty.servo import Servo
 from sim2real.exam.thirdparty.tree import read_tree
 
 ASSETS = Path(__file__).parents[3] / "envs" / "assets" / "exam"
+STEP = 0.0005  # s of physics
 REACH = 1.0  # rad that a leg swings to each side
 HELD = (60.0, 2.0)  # N·m/rad and N·m·s/rad with which a program makes a leg follow angles
 
@@ -56,14 +57,13 @@ def nominal(robot: Robot) -> mujoco.MjSpec:
     return spec
 
 
-def make_rig(robot: Robot, engine: EngineName = "drake", step: float = 0.0005) -> Rig:
+def make_rig(robot: Robot, engine: EngineName = "drake") -> Rig:
     """Return the robot that its model describes.
 
     Args:
         robot: its actuators are position servos or motors without a gear ratio, one a joint, each
             of its joint's name.
         engine: what moves it.
-        step: of time [s].
     """
     model = nominal(robot).compile()
     tree = read_tree(model)
@@ -74,7 +74,7 @@ def make_rig(robot: Robot, engine: EngineName = "drake", step: float = 0.0005) -
     }
     ends = {body: np.array(place) for body, place in sites.items()}
     home = dict(zip(tree.names, model.key("home").qpos.tolist(), strict=True))
-    return Rig(tree, joints, bus, robot.rate, robot.firmware, engine, step, home, ends)
+    return Rig(tree, joints, bus, robot.rate, robot.firmware, engine, STEP, home, ends)
 
 
 def plan(robot: Robot, seconds: float, rng: np.random.Generator) -> np.ndarray:

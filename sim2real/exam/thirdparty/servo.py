@@ -37,7 +37,6 @@ class Servo:
     no_load: float = math.inf  # speed at which that has fallen to 0 [rad/s]
     lag: float = 0.0  # time constant of the current loop [s]
     heating: float = 0.0  # loss per N²·m²·s
-    cooling: float = 0.0  # share of the heat that is lost in a second [1/s]
     dead_zone: float = 0.0  # error that the firmware takes for 0 [rad]
     fastest: float = math.inf  # limit of the goal's speed [rad/s]
     sharpest: float = math.inf  # limit of the goal's acceleration [rad/s²]
@@ -113,7 +112,7 @@ class Motor:
         kept = 1.0
         if servo.heating:
             kept = max(1 - servo.heating * self._heat, COLDEST)
-            self._heat += step * ((kept * self._torque) ** 2 - servo.cooling * self._heat)
+            self._heat += step * (kept * self._torque) ** 2
         return kept * self._torque - servo.braking * speed
 
     def _within(self, torque: float, speed: float) -> float:

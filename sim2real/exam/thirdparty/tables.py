@@ -1,80 +1,18 @@
-"""Tables and pictures of the exam on other engines.
-
-    marks = report(folder, names, cases=16, seed=11)
+"""Tables and the picture of the exam on other engines.
 
 Shares have Wilson's 95 % intervals, medians the bootstrap's.
 """
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from envs.effects import load_effects
-from hardware.log import read_log
-from sim2real.exam import hold
-from sim2real.exam.answer import EFFECTS, REPORT, VERSION
-from sim2real.exam.outline import KEY
-from sim2real.exam.score import calibration, confidences, failures, mean, median, of, wilson
-from sim2real.exam.score import cases as every
+from sim2real.exam.score import EDGES, confidences, mean, median, of, wilson
 from sim2real.exam.thirdparty.kinds import KINDS
-from sim2real.exam.thirdparty.marks import Mark, mark
+from sim2real.exam.thirdparty.marks import Mark
 from sim2real.runs.figures import INK, figure
-from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
-
-TOLD = ("single", "two", "dirty", "robot_wide", "torque", "encoders")  # something known is hidden
-EDGES = (0.0, 0.5, 0.8, 0.9, 0.95, 1.001)  # of the table of calibration
-
-
-def report(folder: Path, names: Sequence[str], cases: int, seed: int) -> list[Mark]:
-    """Mark the answered cases and write table.md, every table as CSV, score.json and the picture.
-
-    Args:
-        folder: of the exam.
-        names: of the answered cases.
-        cases: that the exam has.
-        seed: of its draw.
-    """
-    marks = [_mark(folder, name) for name in names]
-    parts = {
-        "lines": ("What was aimed at", lines(marks)),
-        "kinds": ("Kind by kind", by_kind(marks, np.random.default_rng(seed))),
-        "recall": ("Recall by effect and kind", recall(marks)),
-        "calibration": ("Is the confidence earned?", calibration(marks, EDGES)),
-        "failures": ("What was answered wrongly", failures(marks, "floors", "background")),
-    }
-    head = f"# Blind check on robots of another engine\n\n{_head(folder, marks, cases, seed)}"
-    about = {"seed": seed, "cases": cases, "answered": len(marks), "partial": len(marks) < cases}
-    hold.write_tables(folder, head, parts, about)
-    write_text(folder / "cases.csv", every(marks).csv())
-    draw(marks, folder / "plots" / "recall.png")
-    return marks
-
-
-def _mark(folder: Path, name: str) -> Mark:
-    key = json.loads((folder / hold.KEYS / name / KEY).read_text(encoding="utf-8"))
-    file = folder / hold.ANSWERS / name / REPORT
-    if not file.is_file():
-        return mark(key, None)
-    closed = None
-    if key["kind"] in TOLD:
-        held = read_log(folder / hold.KEYS / name / hold.HELD)
-        found = load_effects(file.with_name(EFFECTS))
-        closed = hold.closes(held, [], found, key["residue"])
-    return mark(key, json.loads(file.read_text(encoding="utf-8")), closed)
-
-
-def _head(folder: Path, marks: Sequence[Mark], cases: int, seed: int) -> str:
-    hours = sum(one.seconds or 0.0 for one in marks) / 3600
-    files = [folder / hold.ANSWERS / one.case / VERSION for one in marks]
-    versions = sorted({f.read_text(encoding="utf-8").strip() for f in files if f.is_file()})
-    part = "" if len(marks) == cases else f"**partial: true.** {len(marks)} of {cases}. "
-    return (
-        f"{part}{len(marks)} cases of seed {seed}; {hours:.2f} hours of diagnoses; code "
-        f"{', '.join(versions)}."
-    )
 
 
 def lines(marks: Sequence[Mark]) -> Table:

@@ -21,10 +21,10 @@ from sim2real.exam.thirdparty.bus import Bus
 from sim2real.exam.thirdparty.ground import Foot, Ground, feet_of, floating
 from sim2real.exam.thirdparty.hidden import LAWS, put
 from sim2real.exam.thirdparty.rig import Moving, Rig
-from sim2real.exam.thirdparty.robots import joint_of
+from sim2real.exam.thirdparty.robots import STEP, joint_of
 from sim2real.runs.errors import Sim2RealError
 
-STEP, FIRMWARE = 0.0005, 2000.0  # s of physics; ticks of a servo's loop a second
+FIRMWARE = 2000.0  # ticks of a servo's loop a second
 JITTER = 1e-4  # s: half the spread of the bus
 SETTLE = 0.5  # s that a robot stands before it walks
 IMU_AGE = 5e-4  # s of an IMU's reading when its row's command is written

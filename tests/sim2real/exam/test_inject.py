@@ -83,7 +83,7 @@ def test_joints_that_are_not_compared_are_fixed(tmp_path: Path) -> None:
 
 def test_an_exam_without_logs_is_refused(tmp_path: Path) -> None:
     """It says what to set."""
-    with pytest.raises(Sim2RealError, match=r"names no folder of real logs; set .* SIM2REAL_DATA"):
+    with pytest.raises(Sim2RealError, match=r"data=None has no xl330_bench.*SIM2REAL_DATA"):
         RealExam(None, 1, longest=60.0, block=4).draw(0)
     with pytest.raises(Sim2RealError, match=r"has no xl330_bench.*SIM2REAL_DATA"):
         RealExam(str(tmp_path), 1, longest=60.0, block=4).draw(0)

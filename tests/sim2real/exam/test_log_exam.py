@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from hardware.log import read_log
+from sim2real.exam.hold import KEY, Outline
 from sim2real.exam.log_exam import BESIDE, LogExam, LogMark, mark, summary
 from sim2real.exam.log_mistakes import KINDS, PAIRED, Mistake
-from sim2real.exam.outline import KEY, Outline
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.statistics import Interval
 

@@ -203,8 +203,8 @@ def test_tables_of_an_exam(tmp_path: Path) -> None:
     assert rows["false alarms where nothing is hidden"][2] == wilson([False])
     assert [row[5] for row in failures(marks()).rows] == ["another effect at the right place"]
     assert len(cases(marks()).rows) == 3
-    by = calibration(marks(), (0.0, 0.5, 1.001))
-    assert [row[1] for row in by.rows] == [0, 2]
+    by = calibration(marks())
+    assert [row[1] for row in by.rows] == [0, 0, 0, 2, 0]
     assert "Brier score 0.410" in by.notes[0]  # ((1 - 0.9)² + 0.9²) / 2
 
 

@@ -81,7 +81,7 @@ def test_the_tables_are_written(exam) -> None:
     """For people and for programs."""
     out, marks = exam
     page = (out / "table.md").read_text()
-    assert f"{len(marks)} cases of seed 1: " in page
+    assert f"{len(marks)} of 3 cases of seed 1 were answered" in page
     assert "| rank 1 right | 2 | 1.00 [0.34, 1.00] | ≥ 0.90 |" in page
     assert json.loads((out / "score.json").read_text())["figures"]["place right"][0] == 2
     assert (out / "plots" / "matrix.png").is_file()
