@@ -322,7 +322,6 @@ class MjsCompiler:
     boundinertia: _Float
     boundmass: _Float
     degree: bool
-    discardvisual: bool
     inertiafromgeom: _Field[mjtInertiaFromGeom, Int]
     meshdir: str
     settotalmass: _Float

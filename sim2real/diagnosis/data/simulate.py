@@ -20,7 +20,6 @@ import mujoco
 import numpy as np
 
 from envs.effects import Effect, make
-from envs.effects.appearance import Appearance
 from envs.effects.supply import ThermalDerating
 from envs.plant import Fixed, Plant
 from envs.replay import (
@@ -120,8 +119,7 @@ class Simulator:
         work: Work | None = None,
         models: Sequence[_Lean] | None = None,
     ) -> None:
-        self.data, self.threads, self.on_run = data, threads, on_run
-        self.fixed = tuple(one for one in fixed if not isinstance(one[0], Appearance))
+        self.data, self.fixed, self.threads, self.on_run = data, tuple(fixed), threads, on_run
         self.heat = Heat(data, self.paths)
         self.work = Work() if work is None else work
         if models is None:

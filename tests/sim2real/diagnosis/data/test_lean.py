@@ -1,16 +1,12 @@
 """A model without the work that cannot change what it does."""
 
-from pathlib import Path
-
 import mujoco
 import numpy as np
 import pytest
 from mujoco.batch import Batch
 
-from envs.effects import make
 from hardware.config import load_robot
 from sim2real.diagnosis.data.lean import NEEDLESS, lean, may_touch, undrawn
-from sim2real.diagnosis.data.simulate import Simulator
 from tests.sim2real.diagnosis import arm
 
 
@@ -61,26 +57,10 @@ def test_textures_go_and_nothing_that_moves(robot: str) -> None:
     """All numbers of the physics stay as they are, and the given spec keeps its textures."""
     spec = mujoco.MjSpec.from_file(str(load_robot(robot).model))
     made, given = undrawn(spec).compile(), spec.copy().compile()
-    assert given.ntex and not made.ntex
-    for name in ("body_mass", "body_inertia", "dof_armature", "actuator_gainprm", "key_qpos"):
+    assert given.ntex and not made.ntex and made.nmat == given.nmat
+    fields = ("body_mass", "body_inertia", "geom_friction", "dof_armature", "actuator_gainprm")
+    for name in (*fields, "geom_matid", "key_qpos"):
         assert np.array_equal(getattr(made, name), getattr(given, name)), name
-    touching = (given.geom_contype | given.geom_conaffinity) != 0
-    assert np.array_equal(made.geom_friction, given.geom_friction[touching])
-
-
-def test_a_colour_that_is_known_of_a_robot_is_no_obstacle(tmp_path: Path) -> None:
-    """What a camera sees has no part in a simulation, whose shapes are gone."""
-    data = arm.data_of(arm.make_log(seconds=4.0), tmp_path)
-    every = np.arange(len(data.windows))
-    for spec in data.specs:
-        for geom in spec.geoms:
-            geom.contype = geom.conaffinity = 0
-    colour = (make("colour", where="lower"), (0.1, 0.1, 0.1))
-    given, seen = (
-        Simulator(data, fixed, threads=1).run((), every, np.zeros((len(every), 0)))
-        for fixed in ([], [colour])
-    )
-    assert np.array_equal(given.error, seen.error)
 
 
 SHAPES = """<mujoco><asset><mesh name="shell" vertex="{}"/><mesh name="foot" vertex="{}"/></asset>
@@ -97,14 +77,20 @@ conaffinity="0"/>
 CUBE = " ".join(f"{x} {y} {z}" for x in (0, 0.1) for y in (0, 0.05) for z in (0, 0.03))
 
 
-def test_meshes_that_touch_nothing_are_gone() -> None:
-    """A foot's stays; what a shape weighs stays with its body, whose inertia it was."""
+def test_meshes_that_touch_and_weigh_nothing_are_points() -> None:
+    """In their place, by their name; a foot's stays, and that of a body without an inertia."""
     spec = mujoco.MjSpec.from_string(SHAPES.format(CUBE, CUBE))
-    given, made = spec.copy().compile(), lean(spec)
-    simulated = made.copy().compile()
-    assert (given.nmesh, simulated.nmesh) == (2, 1)
-    assert [simulated.geom(i).name for i in range(simulated.ngeom)] == ["floor", "foot"]
-    for name in ("body_mass", "body_ipos", "body_iquat", "body_inertia"):
-        assert np.array_equal(getattr(simulated, name), getattr(given, name))
-    assert np.array_equal(path_of(made), path_of(spec.copy()))
-    assert spec.meshes[0].name == "shell"
+    for text, left in ((None, 2), ('<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>', 1)):
+        if text is not None:
+            whole = SHAPES.replace('<joint name="c" axis="0 1 0"/>', f'{text}<joint name="c"/>')
+            spec = mujoco.MjSpec.from_string(whole.format(CUBE, CUBE))
+        given, made = spec.copy().compile(), lean(spec)
+        simulated = made.copy().compile()
+        assert simulated.nmesh == left
+        shell = given.geom("shell").id
+        assert int(simulated.geom("shell").type[0]) == int(mujoco.mjtGeom.mjGEOM_SPHERE)
+        for name in ("geom_pos", "geom_quat", "geom_bodyid"):
+            assert np.array_equal(getattr(simulated, name)[shell], getattr(given, name)[shell])
+        assert simulated.geom("foot").type == given.geom("foot").type
+        assert np.array_equal(path_of(made), path_of(spec.copy()))
+        assert spec.meshes[0].name == "shell"
