@@ -129,6 +129,7 @@ class Judge:
         """
         tried = {self.given.label: self.given}
         best, self.choices = self.given, vocabulary.choices
+        self._apart: set[str] = set()  # labels of what was judged by unknowns of its own
         while len(best.hypothesis.members) < self.settings.members_max:
             added = f" in addition to {best.label}" if best.hypothesis.members else ""
             self.moving(f"looking at every change{added}", SHARES[len(best.hypothesis.members)])
@@ -136,6 +137,7 @@ class Judge:
             starts = vocabulary.list_starts(self.replay_errors(best), self._find_open(best))
             if not self.search.refine(best, starts, tried):
                 break
+            self._judge_mended(tried)
             before, best = best, self.choose(tried)
             if not self.is_enough(best):
                 self.search.untie(best, vocabulary.effects, tried)
@@ -343,6 +345,13 @@ class Judge:
             return fit
         own, *_ = self._make(fit.hypothesis, fit.values)
         return own.fit([restart(fit)], rounds=0)[0]
+
+    def _judge_mended(self, tried: dict[str, Fit]) -> None:
+        """Judge the best of what was tried by unknowns of its own if it mends the log, in place."""
+        top = max(tried.values(), key=lambda fit: fit.total)
+        if top.label not in self._apart and top.hypothesis.mended:
+            self._apart.add(top.label)
+            tried[top.label] = self._judge_apart(top, self.given)
 
     def _make(
         self, hypothesis: Hypothesis, values: np.ndarray

@@ -41,11 +41,19 @@ def are_compatible(hypothesis: Hypothesis, member: Member) -> bool:
 def _compatible(one: Member, other: Member) -> bool:
     if one.label == other.label:
         return False
+    if isinstance(one, LogChange) and isinstance(other, LogChange):
+        return not _is_made_twice(one, other)
     if isinstance(one, LogChange) or isinstance(other, LogChange):
         return True
     if one.name == other.name and (isinstance(one, Untied) or isinstance(other, Untied)):
         return False
     return not in_the_way(one.effect, other.effect)
+
+
+def _is_made_twice(one: LogChange, other: LogChange) -> bool:
+    """Return whether two mistakes are of one kind and in one column: then they are one."""
+    meet = one.where == other.where or None in (one.where, other.where)
+    return one.effect == other.effect and meet and not set(one.columns).isdisjoint(other.columns)
 
 
 def join_members(base: Fit, members: Sequence[Member], points: np.ndarray) -> Start:

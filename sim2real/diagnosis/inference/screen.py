@@ -61,6 +61,24 @@ def _pick(lines: Sequence[Line], most: int) -> list[Line]:
     return list(best.values())[:most]
 
 
+def pick_closest(fitter: Fitter, base: Fit, lines: Sequence[Line], most: int) -> list[Start]:
+    """Return the changes that come nearest to the log at a probe, as they are there.
+
+    A gain is told in the metric of the base, whose discrepancy absorbs large errors at little cost;
+    that a change makes it superfluous, no straight line says.
+
+    Args:
+        fitter: of the windows that are looked at.
+        base: see `pick_starts`.
+        lines: of the changes.
+        most: how many changes are returned.
+    """
+    weight = fitter.replayer.used[..., None] / fitter.replayer.noise
+    left = [float(np.square(weight * (base.own + line.change)).sum()) for line in lines]
+    nearest = [line._replace(gain=-squares) for line, squares in zip(lines, left, strict=True)]
+    return [join_lines(base, [line], [1.0]) for line in _pick(nearest, most)]
+
+
 def pick_alike(
     fitter: Fitter, best: Fit, rest: Fit, lines: Sequence[Line], most: int
 ) -> list[Start]:
@@ -118,13 +136,18 @@ def list_promising(fitter: Fitter, base: Fit, lines: Sequence[Line], most: int) 
 def trace_lines(fitter: Fitter, base: Fit, starts: Sequence[Start]) -> list[Line]:
     """Return the lines of each change that can join the base, one through each of its probes.
 
-    Every second probe is looked at first, and the others of the changes that promise most.
+    Every second probe of an effect is looked at first, and the others of those that promise most. A
+    mistake of the log is no small change, whose probes would lie on one line: each is looked at.
     """
     own = [s for s in starts if are_compatible(base.hypothesis, s.hypothesis.members[0])]
-    lines = _trace(fitter, base, [(s, point) for s in own for point in s.points[::2]])
+    first, later = [], []
+    for start in own:
+        step = 2 if start.hypothesis.effects else 1
+        first += [(start, point) for point in start.points[::step]]
+        later += [(start, point) for point in start.points[1::2] if step > 1]
+    lines = _trace(fitter, base, first)
     best = {line.member.label for line in _pick(lines, fitter.settings.promising)}
-    rest = [(s, p) for s in own if s.hypothesis.label in best for p in s.points[1::2]]
-    return lines + _trace(fitter, base, rest)
+    return lines + _trace(fitter, base, [one for one in later if one[0].hypothesis.label in best])
 
 
 def _trace(fitter: Fitter, base: Fit, asked: Sequence[tuple[Start, np.ndarray]]) -> list[Line]:

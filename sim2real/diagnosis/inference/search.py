@@ -19,7 +19,7 @@ import numpy as np
 from sim2real.diagnosis.inference.candidates import Candidate
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.glance import HALVES, Glance, Quick
-from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.inference.hypotheses import Hypothesis, get_kind
 from sim2real.diagnosis.inference.moves import (
     list_simpler,
     list_untied,
@@ -32,6 +32,7 @@ from sim2real.diagnosis.inference.screen import (
     Line,
     list_promising,
     pick_alike,
+    pick_closest,
     pick_pairs,
     pick_starts,
     trace_lines,
@@ -97,7 +98,9 @@ class Search:
         """Fit what promises most with the best into what was tried; pairs if no change does.
 
         What acts beyond a threshold only, a stop or a play, has no slope to be screened by: where
-        no straight line promises what it has to win, every change is fitted at a glance.
+        no straight line promises what it has to win, every change is fitted at a glance. Promises
+        are alike where the discrepancy absorbs the errors: some mistakes of the log, and what comes
+        nearest to it, are always fitted.
 
         Returns:
             Whether there is a gap, or any change promises what it has to win.
@@ -115,7 +118,12 @@ class Search:
         flat = all(map(operator.lt, gains, prices))
         if flat and judge.explains(best):
             return False
-        self._fit(pick_starts(base, lines, len(lines) if flat and alone else most), tried)
+        chosen = pick_starts(base, lines, len(lines) if flat and alone else most)
+        mistakes = [line for line in lines if get_kind(line.member) == "log"]
+        further = pick_starts(base, mistakes, self.settings.alike)
+        further += pick_closest(self.glance, base, lines, self.settings.alike)
+        named = {start.hypothesis.label: start for start in (*further, *chosen)}
+        self._fit(list(named.values()), tried)
         if alone and not judge.is_enough(judge.choose(tried)):
             self._fit(pick_pairs(self.glance, base, lines, most), tried)
         return True

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from mujoco.batch import Batch
 
+from envs.effects.inertia import far_end
 from hardware.config import load_robot
 from sim2real.diagnosis.data.lean import NEEDLESS, lean, may_touch, undrawn
 from tests.sim2real.diagnosis import arm
@@ -94,3 +95,16 @@ def test_meshes_that_touch_and_weigh_nothing_are_points() -> None:
         assert simulated.geom("foot").type == given.geom("foot").type
         assert np.array_equal(path_of(made), path_of(spec.copy()))
         assert spec.meshes[0].name == "shell"
+
+
+def test_the_end_of_a_link_that_is_only_seen_stays() -> None:
+    """A shape that touches nothing says where a payload would hang."""
+    spec = arm.spec()
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 0
+        geom.parent.explicitinertial = True
+        geom.parent.mass, geom.parent.inertia = 0.2, [1e-3] * 3
+    given, made = spec.copy().compile(), lean(undrawn(spec)).compile()
+    last = given.body("lower").id
+    np.testing.assert_array_equal(far_end(made, last), far_end(given, last))
+    assert np.linalg.norm(far_end(given, last)) > 0.2
