@@ -61,6 +61,16 @@ def test_a_late_row_is_named_with_and_without_an_effect_beside(
         np.testing.assert_allclose(judgement.best.mean[0], FRICTION[2], rtol=0.03)
 
 
+def test_degrees_in_one_column_are_named_for_what_they_are(tmp_path: Path) -> None:
+    """Judged by unknowns of its own: windows that start at 30 rad would speak against it."""
+    log = arm.make_log(noise=NOISE)
+    log = with_columns(log, qpos_b=np.degrees(log.columns["qpos.b"]))
+    data = arm.data_of(log, tmp_path)
+    judgement = Judge(data).judge(Vocabulary(data))
+    assert judgement.verdict == "explained"
+    assert judgement.best.label == "log.unit.qpos.b"
+
+
 def test_a_reversed_joint_is_named_with_its_mirror_image(tmp_path: Path) -> None:
     """An arm whose other joint is reversed is this one in a mirror: no log tells them apart.
 
@@ -125,7 +135,7 @@ def test_where_no_slope_promises_anything_every_change_is_fitted(
     data = arm.data_of(arm.make_log(FRICTION, noise=NOISE), tmp_path)
     judge, vocabulary = Judge(data), Vocabulary(data, only=PROPOSED)
     search = judge.search
-    search.settings = replace(judge.settings, refits=2)
+    search.settings = replace(judge.settings, refits=2, alike=0)
     judge.choices, asked = len(vocabulary.members), []
     lines = searching.trace_lines
     monkeypatch.setattr(

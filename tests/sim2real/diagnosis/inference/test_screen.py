@@ -7,14 +7,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hardware.log import Log
 from sim2real.diagnosis.inference.fit import Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.judge import Judge
-from sim2real.diagnosis.inference.moves import join_members, list_simpler, restart
+from sim2real.diagnosis.inference.log_changes import list_log_changes
+from sim2real.diagnosis.inference.moves import (
+    are_compatible,
+    join_members,
+    list_simpler,
+    restart,
+)
+from sim2real.diagnosis.inference.score import FOLDS
 from sim2real.diagnosis.inference.screen import (
     Line,
     list_promising,
     pick_alike,
+    pick_closest,
     pick_pairs,
     pick_starts,
     trace_lines,
@@ -129,7 +138,7 @@ def test_joints_without_a_gap_show_nothing(tmp_path: Path) -> None:
 def test_all_probes_of_what_promises_are_looked_at(
     traced: tuple[Judge, list[Line]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of the others, every second one."""
+    """Of other effects, every second one; of a mistake of the log, each."""
     judge, _ = traced
     glance = judge.search.glance
     monkeypatch.setattr(glance, "settings", replace(glance.settings, promising=1))
@@ -146,4 +155,35 @@ def test_all_probes_of_what_promises_are_looked_at(
     monkeypatch.setattr(glance, "replay_points", replay_points)
     best = max(trace_lines(glance, base, starts), key=lambda line: line.gain).member.label
     for label, count in counts.items():
-        assert asked.count(label) == (count if label == best else (count + 1) // 2)
+        whole = label == best or label.startswith("log.")
+        assert asked.count(label) == (count if whole else (count + 1) // 2)
+
+
+def test_a_whole_turn_comes_nearest_to_the_log_whatever_a_line_promises(tmp_path: Path) -> None:
+    """Where the discrepancy absorbs large errors, all that moves them promises the same.
+
+    Both probes of a mistake are looked at: a turn more says nothing of a turn less.
+    """
+    log = arm.make_log(noise=NOISE)
+    turned = log.columns["qpos.b"] + 2 * np.pi
+    data = arm.data_of(Log({**log.columns, "qpos.b": turned}), tmp_path)
+    judge, vocabulary = Judge(data), Vocabulary(data)
+    starts = vocabulary.list_starts(judge.replay_errors(judge.given), "ab")
+    (base,) = judge.search.glance.fit([restart(judge.given)], rounds=0)
+    lines = trace_lines(judge.search.glance, base, starts)
+    looked_at = {float(line.point[0]) for line in lines if line.member.label == "log.turn.qpos.b"}
+    assert 1.0 in looked_at
+    near = {s.hypothesis.label: s for s in pick_closest(judge.search.glance, base, lines, 2)}
+    assert near.keys() == {"log.turn.qpos.b", "log.turn.ctrl.b"}, "of readings, or of commands back"
+    np.testing.assert_array_equal(near["log.turn.qpos.b"].points, np.ones((1, FOLDS, 1)))
+
+
+def test_a_mistake_is_made_once_in_a_column(tmp_path: Path) -> None:
+    """Readings that are scaled twice would shrink every error; commands may be scaled as well."""
+    data = arm.data_of(arm.make_log(noise=NOISE), tmp_path)
+    changes = {change.label: change for change in list_log_changes(data)}
+    scaled = Hypothesis((changes["log.scale.qpos.b"],))
+    for label in ("log.scale.ctrl.qpos.b", "log.scale.qpos", "log.scale.ctrl.qpos"):
+        assert not are_compatible(scaled, changes[label])
+    for label in ("log.scale.ctrl.b", "log.scale.qpos.a", "log.offset.qpos.b", "log.clock.time"):
+        assert are_compatible(scaled, changes[label])
