@@ -42,14 +42,14 @@ def null_test(
         settings: which results of the changes count.
     """
     pieces = choose(logs, settings.simulation.piece_s, settings.simulation.pieces)
-    measured, given, words = _measured(pieces), _replayed(pieces, specs, fixed), {}
-    gap = _distance(given, measured, measured, settings)
+    given, words = _replayed(pieces, specs, fixed), {}
+    gap = _distance(pieces, given, settings)
     for name, (_, what) in VARIANTS.items():
         if not any(_applies(name, specs[one.number]) for one in pieces):
             continue
         paths = _replayed(pieces, [better(spec, (name,)) for spec in specs], fixed)
-        changed = _distance(paths, measured, measured, settings)
-        moved = _distance(paths, given, measured, settings)
+        changed = _distance(pieces, paths, settings)
+        moved = _distance(pieces, paths, settings, given)
         words[name] = _words(what, gap, changed, moved, settings.numerics)
         if name == "armature" and (words["timestep"] == "ok" or changed > gap):
             words[name] = "ok"  # inertia is physics, unless the step is too long without it
@@ -90,10 +90,9 @@ def is_numerics(
     if not needed:
         return None
     pieces = choose(logs, settings.simulation.piece_s, settings.simulation.pieces)
-    measured = _measured(pieces)
     given, mended = (
         [
-            _distance(_replayed(pieces, models, effects), measured, measured, settings)
+            _distance(pieces, _replayed(pieces, models, effects), settings)
             for effects in (fixed, merge_effects(fixed, cause))
         ]
         for models in (specs, [better(spec, needed) for spec in specs])
@@ -127,14 +126,6 @@ def _words(what: str, gap: float, changed: float, moved: float, settings: Numeri
     )
 
 
-def _measured(pieces: Sequence[Piece]) -> list[np.ndarray]:
-    """Return the logged hinges and slides of each piece, (T, M)."""
-    return [
-        np.column_stack([one.log.column(f"qpos.{name}") for name in scalars(one.log)])
-        for one in pieces
-    ]
-
-
 def _replayed(
     pieces: Sequence[Piece], specs: Sequence[mujoco.MjSpec], fixed: Sequence[Fixed]
 ) -> list[np.ndarray]:
@@ -148,19 +139,20 @@ def _replayed(
 
 
 def _distance(
+    pieces: Sequence[Piece],
     paths: Sequence[np.ndarray],
-    others: Sequence[np.ndarray],
-    measured: Sequence[np.ndarray],
     settings: Settings,
+    others: Sequence[np.ndarray] | None = None,
 ) -> float:
-    """Return how far pieces (T, M) are apart, of the joints' measured motion."""
-    sizes = [np.zeros(0)]
-    for path, other, own in zip(paths, others, measured, strict=True):
+    """Return how far replays (T, M) are from others, or from what was measured, of its motion."""
+    squares = []
+    for number, (one, path) in enumerate(zip(pieces, paths, strict=True)):
+        own = np.column_stack([one.log.column(f"qpos.{name}") for name in scalars(one.log)])
         motion = np.maximum(own.std(axis=0), settings.preflight.moved)
-        size = np.sqrt(np.mean((path - other) ** 2, axis=0)) / motion
-        sizes.append(np.fmin(size, settings.simulation.error_max))  # NaN: it diverged
-    every = np.concatenate(sizes)
-    return float(np.sqrt(np.mean(every**2))) if every.size else 0.0
+        off = path - (own if others is None else others[number])
+        size = np.sqrt(np.mean(off**2, axis=0)) / motion
+        squares += (np.fmin(size, settings.simulation.error_max) ** 2).tolist()  # NaN: it diverged
+    return float(np.sqrt(np.mean(squares))) if squares else 0.0
 
 
 def _applies(name: str, spec: mujoco.MjSpec) -> bool:
