@@ -152,7 +152,7 @@ def best(figures: Figures) -> Row:
 
 
 def parameters(plan: Plan, figures: Figures) -> str:
-    """Return the table of what EASI found beside what is hidden; "" where it found nothing."""
+    """Return the table of what EASI found next to what is hidden; "" where it found nothing."""
     found = answers(plan, identified(best(figures)))
     if not found:
         return ""

@@ -76,16 +76,19 @@ def compare(
 
 
 def compare_fleet(
-    units: Mapping[str, Logs], model: str | Path | None = None, **options: Any
+    units: Mapping[str, Logs],
+    model: str | Path | None = None,
+    *,
+    effects: str | Path | None = None,
+    watch: Sequence[str] | None = None,
+    limits: Mapping[str, float] | None = None,
+    remounted: bool = True,
+    seed: int = 0,
+    settings: Settings = DEFAULT,
 ) -> Fleet:
-    """Say which robots of a fleet deviate from all others.
+    """Say which robots of a fleet deviate from all others; arguments are those of `compare`.
 
     The probability of any false alarm is shared among the robots.
-
-    Args:
-        units: the logs of each robot, by its name.
-        model: see `compare`.
-        options: the other arguments of `compare`.
 
     Raises:
         Sim2RealError: fewer than three robots; see also `compare`.
@@ -95,7 +98,8 @@ def compare_fleet(
             f"units: expected at least {UNITS_MIN} robots, got {len(units)}; with two robots, give "
             "before= and after="
         )
-    asked = _asked({f"units.{name}": own for name, own in units.items()}, model, **options)
+    sides = {f"units.{name}": own for name, own in units.items()}
+    asked = _asked(sides, model, effects, watch, limits, remounted, seed, settings)
     members = dict(zip(units, asked.sides.values(), strict=True))
 
     def against(name: str, kept: Collection[str]) -> Comparison:
@@ -117,12 +121,12 @@ class _Asked(NamedTuple):
 def _asked(
     sides: Mapping[str, Logs],
     model: str | Path | None,
-    effects: str | Path | None = None,
-    watch: Sequence[str] | None = None,
-    limits: Mapping[str, float] | None = None,
-    remounted: bool = True,
-    seed: int = 0,
-    settings: Settings = DEFAULT,
+    effects: str | Path | None,
+    watch: Sequence[str] | None,
+    limits: Mapping[str, float] | None,
+    remounted: bool,
+    seed: int,
+    settings: Settings,
 ) -> _Asked:
     """Read and replay the logs of all sides; see `compare` for the arguments."""
     for what, own in sides.items():

@@ -34,10 +34,8 @@ BLOCKED = "flag.blocked"  # the column of rows in which something is in the robo
 HUNTING = "flag.hunting"  # the column of rows in which a servo's loop hunts
 EQUALITY = int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
 DENSE = int(mujoco.mjtJacobian.mjJAC_DENSE)
-ROUNDS, CLOSED = (
-    10,
-    1e-9,
-)  # steps at most to close couplings, and residuals that are rounding, m or rad
+ROUNDS = 10  # steps at most to close couplings
+CLOSED = 1e-9  # m or rad: their residuals that are rounding
 LINEAR = 1  # how MuJoCo's delay lines interpolate
 FINEST, COARSEST = 1e-5, 0.1  # s: timesteps that a robot's motion can be simulated with
 SPARE = 2  # samples of a delayed actuator beyond those that its delay lasts

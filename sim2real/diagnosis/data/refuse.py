@@ -82,14 +82,14 @@ def refuse_kinds(log: Log, spec: mujoco.MjSpec, settings: Settings = DEFAULT) ->
     alike = {name: _likeness(log, name, joint, settings) for name, joint in joints.items()}
     servos = [is_servo(model, model.actuator(name).id) for name in joints]
     place, names = log.path or "the log", ", ".join(joints)
-    if not any(servos) and all(one > limits.share for one in alike.values()):
+    if not any(servos) and all(one > limits.follows for one in alike.values()):
         if _gap(log, spec, joints, settings) > limits.lost:
             raise Sim2RealError(
                 f"{place}: the joints follow the commands of {names} like desired positions, but "
                 f"the model has motors there, which take torques [N·m]: give a model with position "
                 "actuators, or log the torques as `ctrl.*`"
             )
-    elif all(servos) and all(one < limits.share for one in alike.values()):
+    elif all(servos) and all(one < limits.stranger for one in alike.values()):
         kinds = (spec, _motors(spec, joints, 1.0), _motors(spec, joints, 0.0))
         gap, other, none = (_gap(log, one, joints, settings) for one in kinds)
         if gap > limits.lost and other < limits.better * min(gap, none):

@@ -64,8 +64,8 @@ def _pick(lines: Sequence[Line], most: int) -> list[Line]:
 def pick_closest(fitter: Fitter, base: Fit, lines: Sequence[Line], most: int) -> list[Start]:
     """Return the changes that come nearest to the log at a probe, as they are there.
 
-    A gain is told in the metric of the base, whose discrepancy absorbs large errors at little cost;
-    that a change makes it superfluous, no straight line says.
+    A gain is measured in the metric of the base, whose discrepancy absorbs large errors at little
+    cost. That a change makes this discrepancy superfluous does not show along a straight line.
 
     Args:
         fitter: of the windows that are looked at.

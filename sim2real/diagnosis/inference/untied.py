@@ -16,7 +16,6 @@ from sim2real.diagnosis.inference.candidates import Candidate
 from sim2real.diagnosis.inference.log_change import LogChange
 
 LAW = ("name", "how", "variant")  # what effects of one law have in common, wherever they are
-
 ENDS = ("neutral", "low", "high")
 
 

@@ -14,6 +14,7 @@ class Contract:
     """When `contract` names a fault; a misfit is a number's RMS error, relative to its spread."""
 
     suspect: float = setting(0.01, "1", "misfit above which faults are searched for", JUDGED)
+    floor: float = setting(2e-3, "1", "misfit below which fits count as equally good", JUDGED)
     unexplained: float = setting(
         0.05, "1", "remaining misfit above which a term is reported as unexplained", JUDGED
     )
@@ -35,11 +36,6 @@ class Contract:
     rows_min: int = setting(
         20, "1", "smallest number of rows, and number of blocks of rows that are resampled", JUDGED
     )
-
-    @property
-    def floor(self) -> float:
-        """Misfit below which fits count as equally good: a fifth of what is suspect."""
-        return self.suspect / 5
 
     @property
     def left_max(self) -> float:

@@ -73,17 +73,29 @@ class Preflight:
     )
     reach_s: float = setting(0.25, "s", "largest delay that is tried", JUDGED)
     ratio: tuple[float, float] = setting(
-        (0.85, 1.18), "1", "two gains, speeds or errors agree if their ratio is within", JUDGED
+        (0.85, 1.18), "1", "two gains, or two speeds, agree if their ratio is within", JUDGED
     )
     share: float = setting(
         0.8,
         "1",
         "smallest fraction of the variance that a fitted relation must explain; smallest "
-        "correlation of measured and simulated speed from which a lag is inferred; similarity "
-        "(1 − standard deviation of position minus command, relative to that of the position) "
-        "above which commands may be positions, and below which they may be torques",
+        "correlation of measured and simulated speed from which a lag is inferred",
         JUDGED,
     )
+    worse: float = setting(
+        1.2,
+        "1",
+        "factor on a channel's error above which the channel contradicts the causes",
+        JUDGED,
+    )
+    follows: float = setting(
+        0.8,
+        "1",
+        "similarity (1 − standard deviation of position minus command, relative to that of "
+        "the position) above which commands are positions",
+        JUDGED,
+    )
+    stranger: float = setting(0.6, "1", "similarity below which commands may be torques", JUDGED)
     clock: float = setting(
         0.05,
         "1",

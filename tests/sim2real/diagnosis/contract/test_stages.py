@@ -83,7 +83,7 @@ def test_what_the_guard_cut_all_the_time_is_said_and_not_guessed(tmp_path):
 
 @pytest.mark.parametrize(("seconds", "told"), [(2, True), (200, False)])
 def test_a_number_that_hardly_changes_in_a_step_has_no_age(seconds, told):
-    """A ramp of 200 s is the same a step later, as far as misfits are told from each other."""
+    """A ramp of 200 s is the same a step later, as far as misfits differ."""
     count = 50 * seconds
     ramp = np.linspace(0.0, 1.0, count)[:, None]
     columns = {"episode": np.zeros(count), "time": np.arange(count) / 50.0}

@@ -71,7 +71,7 @@ def test_what_fits_passes() -> None:
 
 @pytest.mark.parametrize("limit", [0.5, 1.0, 2.0])
 def test_a_servo_that_is_held_back_passes(limit: float) -> None:
-    """A heavy joint much slower than it is told looks as if hardly anything moved it."""
+    """A heavy joint much slower than commanded looks as if hardly anything moved it."""
     spec = load_spec(PENDULUM)
     plant = Plant(spec, fixed=[(make("profile_velocity", where="pivot"), (limit,))], threads=1)
     rng, row, rest = np.random.default_rng(0), np.zeros(1, int), np.zeros((1, 1))

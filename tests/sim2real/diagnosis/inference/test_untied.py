@@ -83,7 +83,7 @@ def test_a_value_for_each_joint_is_laid_out_joint_by_joint(tmp_path: Path) -> No
 
 
 def test_what_is_at_one_joint_or_in_the_log_has_nothing_to_untie(tmp_path: Path) -> None:
-    """Nor has what was untied, beside which the same effect at one joint says nothing."""
+    """Nor has what was untied, with which the same effect at one joint cannot be combined."""
     data = arm.data_of(make_rubbing(0.1, 0.1), tmp_path)
     options = list_effects(data)
     effects = {member.label: member for member in options}
