@@ -6,9 +6,10 @@ A claim says that one measure is above or below another, or a number, by at leas
 side may be scaled by `times`. It holds where the whole interval of the difference says so, is
 contradicted where the whole interval says the opposite, and is undecided between. With `paired`
 runs of one seed are compared with each other. A verdict over fewer than five runs says so: their
-intervals are known to be too narrow.
+intervals are known to be too narrow. An undecided claim says how many runs would decide it.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -22,6 +23,7 @@ from sim2real.runs.statistics import FEW, Interval, difference
 from sim2real.runs.tables import format_cell
 
 KEYS = {"claim", "left", "is", "right", "by", "times", "paired"}
+MANY = 100  # runs above which a difference is as good as none, and their number a guess
 
 
 @dataclass(frozen=True)
@@ -33,14 +35,33 @@ class Verdict:
     # by how much left is on its side of right, with its interval over runs; None where nothing
     # can be compared
     by: Interval | float | None = None
-    few: bool = False  # whether a side has fewer runs than an interval needs to be trusted
+    runs: int = FEW  # of the side with fewer of them
+
+    @property
+    def needed(self) -> float:
+        """Runs a side that would decide the claim if its margin and their spread stayed as found.
+
+        The distance of an interval's bound from its value shrinks with the square root of the
+        number of runs. At least `FEW`, below which no interval is trusted.
+        """
+        if not isinstance(self.by, Interval):
+            return FEW
+        value, low, high = self.by
+        reach = value - low if value > 0 else high - value
+        return max(FEW, math.ceil(self.runs * (reach / value) ** 2)) if value else math.inf
 
     def __str__(self) -> str:
         """Say it in one line."""
         if self.by is None:
             return f"{self.answer}: {self.claim}"
-        few = ", few runs" if self.few else ""
-        return f"{self.answer}{few}: {self.claim} ({format_cell(self.by)})"
+        few = ", few runs" if self.runs < FEW else ""
+        said = f"{self.answer}{few}: {self.claim} ({format_cell(self.by)})"
+        return f"{said}; needs {_many(self.needed)} runs" if self.answer == "undecided" else said
+
+
+def _many(runs: float) -> str:
+    """Return a number of runs as far as it can be known."""
+    return f"over {MANY}" if runs > MANY else f"{runs:.0f}"
 
 
 def decide(
@@ -67,13 +88,13 @@ def decide(
     by, times = float(claim.get("by", 0.0)), float(claim.get("times", 1.0))
     first, second = sign * left.column - by, sign * times * right.column
     found = _difference(first, second, left, right, claim, statistic)
-    few = min(len(side.values) for side in (left, right) if "" not in side.values) < FEW
+    runs = min(len(side.values) for side in (left, right) if "" not in side.values)
     if not isinstance(found, Interval):
-        return Verdict(claim["claim"], "undecided", found, few)
+        return Verdict(claim["claim"], "undecided", found, runs)
     answer = "undecided"
     if found.excludes(0.0):
         answer = "holds" if found.value > 0 else "contradicted"
-    return Verdict(claim["claim"], answer, found, few)
+    return Verdict(claim["claim"], answer, found, runs)
 
 
 def _side(side: str | float, row: str, measures: Mapping[str, Found]) -> Found:

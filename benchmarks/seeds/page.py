@@ -42,7 +42,9 @@ contains the original figures and their sources.
   bootstrap intervals over training seeds.
 * A claim **holds** or is **contradicted** if the whole interval of the difference is above or
   below zero; otherwise it is **undecided**. The number after a claim is its margin. With fewer than
-  five runs, intervals are too narrow; such claims are marked *few runs*.
+  five runs, intervals are too narrow; such claims are marked *few runs*. An undecided claim *needs*
+  as many runs of each side as would decide it if margin and spread stayed as they are, at least
+  five; the row's command takes them as `--seeds`.
 * Steps and CPU minutes are per training seed; a dash means that they were not recorded.
 """
 

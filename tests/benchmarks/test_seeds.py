@@ -249,3 +249,21 @@ def test_the_list_says_what_all_would_take(capsys: pytest.CaptureFixture) -> Non
     assert len(lines) == len(load()["trainings"])
     minutes = [float(line.split(" x ")[1].split(" ")[0]) for line in lines]
     assert minutes == sorted(minutes) and last.startswith("all: ")
+
+
+@pytest.mark.parametrize(
+    ("left", "needed"),
+    [
+        ((3.0,), "needs 5 runs"),  # without a spread: as many as an interval needs
+        ((-1.0, 3.0), "needs 8 runs"),  # 1 [-1, 3] of two: a quarter of the width takes 4 times 2
+        ((-1.0, 1.02), "needs over 100 runs"),
+        ((1.0, 3.0), None),
+    ],
+)
+def test_an_undecided_claim_says_how_many_runs_it_needs(
+    left: tuple[float, ...], needed: str | None
+) -> None:
+    """An interval shrinks with the root of the number of runs; a decided claim needs no more."""
+    claim = {"claim": "c", "left": "left", "is": "above", "right": 0.0}
+    verdict = str(decide(claim, "r", {"r.left": found(*left)}, "mean"))
+    assert verdict.endswith(needed) if needed else "needs" not in verdict
