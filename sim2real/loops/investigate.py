@@ -1,7 +1,7 @@
 """Record, diagnose, design the next recording: until explanations are parted, or time is spent.
 
     found = investigate(robot, record, limits, seed=0, out=Path("outputs/mine"))
-    found.end                   # "one_left", "not_parted", "no_gap", "unexplained" or "budget"
+    found.end                   # why it ended: see `WORDS`
     found.rounds[-1].left       # explanations that the recordings so far leave open
 
 Each round adds a recording to all earlier ones and diagnoses them together. What the logs cannot
@@ -36,13 +36,15 @@ from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
 
 log_ = logging.getLogger(__name__)
-End = Literal["one_left", "not_parted", "no_gap", "unexplained", "budget"]
+End = Literal["one_left", "not_parted", "log_or_robot", "no_gap", "unexplained", "budget"]
 Record = Callable[[Item, Path], Log]
 SHORTEST = min(LENGTHS) * DEFAULT.experiment.motion_s  # s, of a designed motion
 DESIGN = 1  # stream of randomness: drawn motions
 WORDS: dict[End, str] = {
     "one_left": "one explanation is left",
     "not_parted": "no motion of this robot that was looked at can part what is left",
+    "log_or_robot": "a mistake in the log explains the recordings as well as an effect of the "
+    "robot does, and no motion can part them: check how the log is written",
     "no_gap": "the model follows the robot: there is nothing to explain",
     "unexplained": "nothing in the vocabulary explains the gap: there is nothing to part",
     "budget": "the budget is spent, and several explanations are left",
@@ -184,6 +186,8 @@ def _end(report: Report, plan: Experiment | str | None) -> End | None:
         return "budget"
     if report.verdict == "no_gap":
         return "no_gap"
+    if any(cause.equivalent for cause in report.causes):
+        return "log_or_robot"  # mistakes in a log cannot be played in a motion
     return "one_left" if report.causes else "unexplained"
 
 
