@@ -15,7 +15,6 @@ from envs.effects.bound import CommandRule, Measurement
 from envs.effects.command import stream
 from envs.effects.places import joints
 from envs.effects.plant_view import PlantView
-from envs.effects.scale import RobotScale
 from envs.effects.servo import is_joint_servo
 from envs.errors import EffectError
 from envs.noise import normal
@@ -90,10 +89,11 @@ class EncoderOffset(_SensorEffect):
     """A wrong zero: measured = true + value.
 
     The servo controls the same wrong reading, so it settles at goal - value while its readings look
-    right. With `servo=0` only the log is shifted.
+    right. With `servo=0` only the log is shifted; the diagnosis calls that a mistake in the log.
     """
 
     name = "encoder_offset"
+    group = PLAIN
     engines = BOTH
     unit = "rad"
     extras = (
@@ -133,15 +133,6 @@ class EncoderOffset(_SensorEffect):
     def variant(self) -> str:
         """What distinguishes an offset of the log from one of the servo."""
         return "" if self.extra["servo"] else "log only"
-
-    @classmethod
-    def variants(cls, scale: RobotScale) -> list[dict[str, Any]]:
-        """Return both kinds of a wrong zero."""
-        return [{"servo": 1.0}, {"servo": 0.0}]
-
-    def batch(self) -> str:
-        """Return the group of effects without rules, or that of offsets of the log."""
-        return PLAIN if self.extra["servo"] else "log offset"
 
     def mjcf_limitation(self) -> str | None:
         """Return why an offset that only the log has cannot be said."""

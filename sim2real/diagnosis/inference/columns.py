@@ -12,7 +12,7 @@ import numpy as np
 from hardware.log import Log
 
 TURN = 2 * math.pi
-COMMAND, READING, SPEED = "ctrl", "qpos", "qvel"
+COMMAND, READING, SPEED, TIME = "ctrl", "qpos", "qvel", "time"
 
 Columns = Mapping[str, np.ndarray]
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from envs.effects import EFFECTS, Effect
 from sim2real.diagnosis.inference.candidates import FREE, Candidate
+from sim2real.diagnosis.inference.columns import TIME
 from sim2real.diagnosis.inference.log_change import LogChange
 
 Member = Candidate | LogChange
@@ -94,9 +95,10 @@ class Hypothesis:
         return tuple(m for m in self.members if isinstance(m, LogChange))
 
     @property
-    def adds_structure(self) -> bool:
-        """Whether it adds a spring or play, which swings faster than the robot."""
-        return any(member.adds_structure for member in self.effects)
+    def needs_short_steps(self) -> bool:
+        """Whether it adds a spring or play, which swings fast, or has commands at other times."""
+        timed = any(TIME in change.columns for change in self.changes)
+        return timed or any(member.adds_structure for member in self.effects)
 
     @property
     def mended(self) -> frozenset[str]:

@@ -34,7 +34,14 @@ from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.glance import NONE
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import Basis
-from sim2real.diagnosis.inference.moves import is_part, pick_distinct, rank_fits, restart, without
+from sim2real.diagnosis.inference.moves import (
+    is_part,
+    make_start,
+    pick_distinct,
+    rank_fits,
+    restart,
+    without,
+)
 from sim2real.diagnosis.inference.products import HALF
 from sim2real.diagnosis.inference.pushes import Pushed, find_pushes
 from sim2real.diagnosis.inference.replayer import Job, Replayer
@@ -127,10 +134,10 @@ class Judge:
         Args:
             vocabulary: what it may be explained by.
         """
-        tried = {self.given.label: self.given}
-        best, self.choices = self.given, vocabulary.choices
+        tried, self.choices = {self.given.label: self.given}, vocabulary.choices
         self._apart: set[str] = set()  # labels of what was judged by unknowns of its own
-        while len(best.hypothesis.members) < self.settings.members_max:
+        best = self._begin([make_start(change) for change in vocabulary.shown], tried)
+        while len(best.hypothesis.members) < self.settings.members_max and not self.is_enough(best):
             added = f" in addition to {best.label}" if best.hypothesis.members else ""
             self.moving(f"looking at every change{added}", SHARES[len(best.hypothesis.members)])
             best = self.search.anchor(best, tried)
@@ -142,13 +149,30 @@ class Judge:
             if not self.is_enough(best):
                 self.search.untie(best, vocabulary.effects, tried)
                 best = self.choose(tried)
-            longer = len(best.hypothesis.members) > len(before.hypothesis.members)
-            if not longer or self.is_enough(best):
+            if len(best.hypothesis.members) <= len(before.hypothesis.members):
                 break
         excluded: list[Start] = []
         if vocabulary.excluded:
             excluded = vocabulary.list_excluded(self.replay_errors(self.given))
         return self._conclude(tried, excluded)
+
+    def _begin(self, shown: Sequence[Start], tried: dict[str, Fit]) -> Fit:
+        """Return what the search starts from: the log as given, or as its own columns say it is.
+
+        What the log shows of itself is no guess about the robot, and comes first: an effect that
+        imitates it would leave the log's columns at odds.
+
+        Args:
+            shown: mistakes that the log's own columns show.
+            tried: gets what was fitted.
+        """
+        for fit in self.fitter.fit(shown):
+            if self.wins(self._judge_apart(fit, self.given), self.given):
+                self.search = Search(self, *self._look(fit.hypothesis, fit.values))
+                (best,) = self.fitter.fit([restart(fit)])
+                tried |= {self.given.label: self.given, best.label: best}
+                return best
+        return self.given
 
     def replay_errors(self, fit: Fit) -> np.ndarray:
         """Return the held-out errors of all rows, (W, T, M), of a fit."""

@@ -10,7 +10,7 @@ import numpy as np
 from envs.effects import Effect
 from hardware.log import Log
 from sim2real.diagnosis.evidence import Pair
-from sim2real.diagnosis.inference.columns import Columns
+from sim2real.diagnosis.inference.columns import TIME, Columns
 
 Mend = Callable[[Log, np.ndarray], Columns]
 
@@ -37,6 +37,7 @@ class LogChange:
         seconds: when it acts, of an episode; None: throughout.
         variant: what else tells it apart.
         robot: the effect of the robot that does this to its log; None: it is a mistake.
+        shown: whether the log's own columns contradict each other without it.
     """
 
     effect: str
@@ -56,6 +57,7 @@ class LogChange:
     seconds: Pair | None = None
     variant: str | None = None
     robot: Effect | None = None
+    shown: bool = False
 
     @property
     def parts(self) -> tuple[LogChange, ...]:
@@ -76,7 +78,7 @@ class LogChange:
 
     def mending(self, values: np.ndarray) -> str:
         """Return which columns to change, and how: `ctrl.elbow, qpos.elbow: multiply by -1`."""
-        names = [kind if kind == "time" else f"{kind}.{self.where or '*'}" for kind in self.columns]
+        names = [kind if kind == TIME else f"{kind}.{self.where or '*'}" for kind in self.columns]
         return f"{', '.join(names)}: {self.remedy.format(*values)}"
 
     def first(self, values: np.ndarray) -> float:

@@ -38,6 +38,7 @@ from sim2real.diagnosis.inference.columns import (
     COMMAND,
     READING,
     SPEED,
+    TIME,
     TURN,
     Columns,
     find_bases,
@@ -69,7 +70,7 @@ def list_log_changes(data: Data) -> list[LogChange]:
     joints = [joint.name for joint in data.joints if f"{READING}.{joint.name}" in log.columns]
     commands = _commands(data.models[0], log)
     found = [_posed(log.actuators), _increments(log.actuators)]
-    found += [] if _is_clock_right(data) else [_clock()]
+    found += _clocks(data)
     found.append(_late_readings(joints, log))
     found += _in_counts(log, joints, [commands[j] for j in joints if j in commands])
     for joint in [None, *joints] if len(joints) > 1 else joints:
@@ -146,25 +147,32 @@ def _late_readings(joints: Sequence[str], log: Log) -> LogChange:
     )
 
 
-def _is_clock_right(data: Data) -> bool:
-    """Return whether measured speeds say so: they are the change of positions over the log's time.
+def _clocks(data: Data) -> list[LogChange]:
+    """Return a clock that counts in another unit; none where measured speeds say that it is right.
 
-    Without them a robot that moves faster or slower than its model may have another clock.
+    They are the change of positions over the log's time. If they are other than that by one factor
+    at all joints, the log shows its clock's. Without them a robot that moves faster or slower than
+    its model may have another clock.
     """
     limits = data.settings.preflight
-    laws = speed_laws([(log, data.models[0]) for log in data.logs], limits)
-    return any(abs(law.scale - 1) < limits.clock for law in laws.values())
-
-
-def _clock() -> LogChange:
-    """Return a clock that counts in another unit."""
+    laws = speed_laws([(log, data.models[0]) for log in data.logs], limits).values()
+    scales = np.array([law.scale for law in laws])
+    if (abs(scales - 1) < limits.clock).any():
+        return []
 
     def mend(log: Log, values: np.ndarray) -> Columns:
-        times = [n for n in log.columns if n == "time" or n.startswith("stamp.")]
+        times = [n for n in log.columns if n == TIME or n.startswith("stamp.")]
         return {name: log.columns[name] / values[0] for name in times}
 
-    bounds = (1.0, 1 / LARGEST, LARGEST)
-    return _single("clock", ("time",), None, mend, "divide by {0:.4g}", RATES, bounds)
+    probes, bounds, shown = RATES, (1.0, 1 / LARGEST, LARGEST), False
+    if len(scales):
+        factor, (low, high) = float(np.median(scales)), limits.ratio
+        alike = ((low < scales / factor) & (scales / factor < high)).all()
+        shown = bool(alike) and 1 / LARGEST < factor < LARGEST
+    if shown:
+        probes, bounds = (factor,), (1.0, factor * (1 - limits.clock), factor * (1 + limits.clock))
+    text = "divide by {0:.4g}"
+    return [_single("clock", (TIME,), None, mend, text, probes, bounds, shown=shown)]
 
 
 def _posed(actuators: Sequence[str]) -> LogChange:

@@ -105,7 +105,7 @@ class Replayer:
         least = np.maximum(self.settings.negligible * spread, TINY)
         self.noise = np.maximum(noise, least) / data.scale  # (M,)
         self.count = np.array([joint.count for joint in data.joints]) / data.scale
-        self.finer: Replayer | None = None  # in shorter steps, for what adds a body or a spring
+        self.finer: Replayer | None = None  # for what needs shorter steps
         self.offset = np.zeros((*self.rows.shape, len(self.noise)))  # that longer steps leave out
         self.estimated = np.zeros((*self.offset.shape, 0))  # (W, N, M, D) of starts
         if data.starts is not None:
@@ -141,7 +141,7 @@ class Replayer:
     def coarsen(self, windows: np.ndarray, lost: bool = False) -> Replayer:
         """Return a replayer of some windows, (n,), in longer time steps.
 
-        What adds a spring or play takes shorter ones than the rest: it swings faster. Where the
+        What needs shorter ones takes them, see `Hypothesis`. Where the
         model is lost, longer steps would change everything, and it takes its own.
         """
         most = self.settings.coarse_s
@@ -162,7 +162,7 @@ class Replayer:
         """Return what each job comes to; jobs share batches, those with changed logs theirs."""
         if self.finer is None:
             return self._replay(jobs)
-        finer = [job.hypothesis.adds_structure for job in jobs]
+        finer = [job.hypothesis.needs_short_steps for job in jobs]
         made = iter(self.finer.replay([job for job, own in zip(jobs, finer, strict=True) if own]))
         rest = iter(self._replay([job for job, own in zip(jobs, finer, strict=True) if not own]))
         return [next(made if own else rest) for own in finer]
@@ -235,7 +235,7 @@ class Replayer:
             hypothesis: the model.
             values: of each window, (W, P).
         """
-        if self.finer is not None and hypothesis.adds_structure:
+        if self.finer is not None and hypothesis.needs_short_steps:
             return self.finer.starts(hypothesis, values)
         (base,) = self._replay([Job(hypothesis, values, self.every)])
         ways = np.empty((*base.error.shape, 2 * len(self.noise)))

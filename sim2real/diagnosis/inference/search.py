@@ -83,7 +83,7 @@ class Search:
         self.quick = Quick(judge.fitter, judge.given, judge.coarse)
         left = judge.left_in_windows(judge.given)
         self.glance = Glance(judge.fitter, judge.given, left, local, common)
-        self.lines: list[Line] = []  # through all probes, beside the model as given
+        self.lines: list[Line] = []  # through all probes, beside the first
 
     def anchor(self, best: Fit, tried: dict[str, Fit]) -> Fit:
         """Return the best in the model's own steps; longer ones then change nothing of it."""
@@ -105,26 +105,26 @@ class Search:
         Returns:
             Whether there is a gap, or any change promises what it has to win.
         """
-        judge, alone, most = self._judge, not best.hypothesis.members, self.settings.refits
+        judge, first, most = self._judge, not self.lines, self.settings.refits
         (base,) = self.glance.fit([restart(best)], rounds=0)
-        if not alone:
+        if not first:
             labels = list_promising(self.glance, base, self.lines, self.settings.promising)
             starts = [start for start in starts if start.hypothesis.label in labels]
         lines = trace_lines(self.glance, base, starts)
-        if alone:
+        if first:
             self.lines = lines
         gains = [line.gain / self.glance.replayer.compared for line in lines]
         prices = [judge.price(Hypothesis((line.member,))) for line in lines]
         flat = all(map(operator.lt, gains, prices))
         if flat and judge.explains(best):
             return False
-        chosen = pick_starts(base, lines, len(lines) if flat and alone else most)
+        chosen = pick_starts(base, lines, len(lines) if flat and first else most)
         mistakes = [line for line in lines if get_kind(line.member) == "log"]
         further = pick_starts(base, mistakes, self.settings.alike)
         further += pick_closest(self.glance, base, lines, self.settings.alike)
         named = {start.hypothesis.label: start for start in (*further, *chosen)}
         self._fit(list(named.values()), tried)
-        if alone and not judge.is_enough(judge.choose(tried)):
+        if first and not judge.is_enough(judge.choose(tried)):
             self._fit(pick_pairs(self.glance, base, lines, most), tried)
         return True
 

@@ -17,6 +17,7 @@ from sim2real.diagnosis.inference.candidates import Candidate, candidates
 from sim2real.diagnosis.inference.cogging import with_ripples
 from sim2real.diagnosis.inference.fit import Start
 from sim2real.diagnosis.inference.hypotheses import Member, get_joints
+from sim2real.diagnosis.inference.log_change import LogChange
 from sim2real.diagnosis.inference.log_changes import list_log_changes
 from sim2real.diagnosis.inference.moves import make_start
 from sim2real.diagnosis.inference.untied import get_untied_label
@@ -67,6 +68,7 @@ class Vocabulary:
         found += [member for member in self.effects if member.label not in undone]
         self.choices = max(len(found), 1)  # that a change is one of
         self.members = [one for one in found if only is None or _is_one_of(one, only)]
+        self.shown = [one for one in self.members if isinstance(one, LogChange) and one.shown]
 
     def list_starts(self, errors: np.ndarray, joints: Collection[str]) -> list[Start]:
         """Return each change by itself that some joints can show, and where its fit begins.

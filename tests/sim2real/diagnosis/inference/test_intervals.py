@@ -37,11 +37,10 @@ def test_an_interval_says_what_an_equivalent_may_share(
 def test_what_cannot_join_an_explanation_shares_nothing(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
-    """Two kinds of a wrong zero of one joint: an equivalent of another cause may be the second."""
+    """A servo has one dead zone: an equivalent of another cause may be that of all servos."""
     case = case_of(arm.make_log(noise=NOISE, seconds=4.0), tmp_path_factory)
-    zeros = [c for label, c in case.options.items() if label.startswith("encoder_offset.b")]
-    assert len(zeros) > 1
-    start = Start(Hypothesis((zeros[0],)), np.array([[0.01]]))
+    one, shared = (case.options[label] for label in ("dead_zone.b", "dead_zone"))
+    start = Start(Hypothesis((one,)), np.array([[0.01]]))
     (fit,) = case.fitter.fit([start], rounds=0)
-    alone, both = (compute_intervals(case.fitter, fit, others)[0] for others in ([], zeros[1:]))
+    alone, both = (compute_intervals(case.fitter, fit, others)[0] for others in ([], [shared]))
     np.testing.assert_array_equal(both, alone)

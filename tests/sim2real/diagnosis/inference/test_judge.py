@@ -87,6 +87,22 @@ def test_a_reversed_joint_is_named_with_its_mirror_image(tmp_path: Path) -> None
     assert judgement.best.total > judgement.given.total + 1000
 
 
+def test_a_clock_that_speeds_contradict_comes_before_what_imitates_it(tmp_path: Path) -> None:
+    """Less inertia and a weaker motor move an arm as a slow clock would: not so its speeds."""
+    hidden = [("motor_strength", {"where": name}, 0.8) for name in arm.JOINTS]
+    log = arm.make_log(*hidden, noise=NOISE)
+    speeds = {f"qvel_{n}": np.gradient(log.columns[f"qpos.{n}"], log.time) for n in arm.JOINTS}
+    data = arm.data_of(with_columns(log, time=0.8 * log.time, **speeds), tmp_path)
+    effects = ("motor_strength", "armature", "position_gain", "center_of_mass")
+    every = {member.label for member in Vocabulary(data, log=False).effects}
+    only = {label for label in every if label.startswith(effects)} | {"log.clock.time"}
+    judgement = Judge(data).judge(Vocabulary(data, only=only))
+    assert "log.clock.time" in [member.label for member in judgement.best.hypothesis.members]
+    place = [m.label for m in judgement.best.hypothesis.members].index("log.clock.time")
+    value = judgement.best.mean[judgement.best.hypothesis.columns[place]]
+    np.testing.assert_allclose(value, 0.8, rtol=0.01)
+
+
 @pytest.mark.slow
 def test_an_effect_that_nobody_proposes_stays_unexplained_or_in_part(tmp_path: Path) -> None:
     """A law that is not in the vocabulary: the posterior says so."""

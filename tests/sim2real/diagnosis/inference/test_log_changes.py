@@ -41,17 +41,29 @@ def test_labels_are_unique_and_probes_lie_within_bounds(changes: dict[str, LogCh
         assert not len(change.neutral) or (change.probes != change.neutral).any(axis=1).all()
 
 
-def test_measured_speeds_tell_the_clock(log: Log, tmp_path: Path) -> None:
-    """Where they are the change of positions over time it is right; else it alone is mended."""
+def test_measured_speeds_tell_the_clock(
+    log: Log, changes: dict[str, LogChange], tmp_path: Path
+) -> None:
+    """Where they are the change of positions over time it is right; else it alone is mended.
+
+    One factor at all joints is the clock's; at one joint it may be a unit. Without speeds the log
+    shows nothing.
+    """
     names = [f"qvel.{joint}" for joint in arm.JOINTS]
     slopes = [np.gradient(log.columns[f"qpos.{joint}"], log.time) for joint in arm.JOINTS]
     measured = Log({**log.columns, **dict(zip(names, slopes, strict=True))})
     wrong = Log({**measured.columns, "time": 1.2 * log.time})
-    right, other = (
+    unit = broken(measured, qvel_a=1.2 * slopes[0], qvel_b=0.2 * slopes[1])
+    right, other, apart = (
         {c.label: c for c in list_log_changes(arm.data_of(one, tmp_path))}
-        for one in (measured, wrong)
+        for one in (measured, wrong, unit)
     )
     assert "log.clock.time" not in right
+    clock = other["log.clock.time"]
+    assert clock.shown and not apart["log.clock.time"].shown
+    assert not changes["log.clock.time"].shown
+    np.testing.assert_allclose(clock.probes, 1.2, rtol=0.01)
+    assert clock.low > 1.1 and clock.high < 1.3
     mended = other["log.clock.time"].mended(wrong, np.array([1.2]))
     for name in ("time", *names):
         np.testing.assert_allclose(mended.columns[name], measured.columns[name], atol=1e-12)
