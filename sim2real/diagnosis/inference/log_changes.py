@@ -150,8 +150,8 @@ def _late_readings(joints: Sequence[str], log: Log) -> LogChange:
 def _clocks(data: Data) -> list[LogChange]:
     """Return a clock that counts in another unit; none where measured speeds say that it is right.
 
-    They are the change of positions over the log's time. If they are other than that by one factor
-    at all joints, the log shows its clock's. Without them a robot that moves faster or slower than
+    They are the change of positions over the log's time. If they are far from that by one factor at
+    all joints, the log shows its clock's. Without them a robot that moves faster or slower than
     its model may have another clock.
     """
     limits = data.settings.preflight
@@ -167,8 +167,8 @@ def _clocks(data: Data) -> list[LogChange]:
     probes, bounds, shown = RATES, (1.0, 1 / LARGEST, LARGEST), False
     if len(scales):
         factor, (low, high) = float(np.median(scales)), limits.ratio
-        alike = ((low < scales / factor) & (scales / factor < high)).all()
-        shown = bool(alike) and 1 / LARGEST < factor < LARGEST
+        alike = bool(((low < scales / factor) & (scales / factor < high)).all())
+        shown = alike and not low < factor < high and 1 / LARGEST < factor < LARGEST
     if shown:
         probes, bounds = (factor,), (1.0, factor * (1 - limits.clock), factor * (1 + limits.clock))
     text = "divide by {0:.4g}"
