@@ -44,4 +44,4 @@ def test_the_demo_names_what_the_arm_hides(tmp_path: Path) -> None:
         assert value == pytest.approx(entry["value"], rel=0.15)
     assert report.gap.closed is not None and report.gap.closed > 0.97
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "Coulomb friction at elbow and command delay explain" in page
+    assert "Command delay and Coulomb friction at elbow explain" in page

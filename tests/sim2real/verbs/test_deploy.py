@@ -119,7 +119,7 @@ def test_a_policy_is_deployed_with_the_adaptation_that_it_was_trained_for(tmp_pa
     caplog.set_level(logging.INFO)
     words = [*SMALL_ES, "adapt=hillclimb", "adapt.queries=1", "adapt.sigma=0.3"]
     climber = train(tmp_path / "run", words)
-    assert "adapt by sequential hill climbing, 2 episodes" in caplog.text
+    assert "adaptation during training: sequential hill climbing, 2 episodes" in caplog.text
     save(compose(words), climber)
     done = go(climber, tmp_path / "own")
     assert len(done.adapting) == 2
