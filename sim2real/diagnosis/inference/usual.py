@@ -1,9 +1,11 @@
 """What any nominal model is off by: a few per cent of what it has of its own.
 
 No model is right to a few per cent: masses come from a scale, friction and gains from a data sheet.
+A motor's strength is off with its braking, as its constant is, and without it, as its voltage is.
 """
 
 from collections.abc import Iterator
+from itertools import product
 
 from envs.effects import EFFECTS
 from sim2real.diagnosis.data.dataset import Data
@@ -26,8 +28,8 @@ def list_usual(data: Data) -> Iterator[Candidate]:
     """Yield what a model has of its own at each place, as a factor of it."""
     scale = robot_scale(data)
     for name in NAMES:
-        for place in EFFECTS[name].places(scale):
-            arguments = {"where": place, "how": "scale"}
+        for place, more in product(EFFECTS[name].places(scale), EFFECTS[name].variants(scale)):
+            arguments = {"where": place, "how": "scale", **more}
             option = None if place is None else candidate_of(name, arguments, data.specs[0], scale)
             if option is not None:
                 yield option

@@ -87,6 +87,13 @@ def test_a_reversed_joint_is_named_with_its_mirror_image(tmp_path: Path) -> None
     assert judgement.best.total > judgement.given.total + 1000
 
 
+@pytest.mark.parametrize("name", ["supply_voltage", "motor_strength"])
+def test_a_motor_that_is_off_by_two_per_cent_is_no_gap(name: str, tmp_path: Path) -> None:
+    """No motor is known better, be it by its voltage or, with its braking, by its constant."""
+    judgement = judged(arm.make_log((name, {}, 0.98), noise=NOISE), tmp_path)
+    assert judgement.verdict == "no_gap"
+
+
 def test_a_clock_that_speeds_contradict_comes_before_what_imitates_it(tmp_path: Path) -> None:
     """Less inertia and a weaker motor move an arm as a slow clock would: not so its speeds."""
     hidden = [("motor_strength", {"where": name}, 0.8) for name in arm.JOINTS]
