@@ -43,8 +43,8 @@ DESIGN = 1  # stream of randomness: drawn motions
 WORDS: dict[End, str] = {
     "one_left": "one explanation is left",
     "not_parted": "no motion of this robot that was looked at can part what is left",
-    "log_or_robot": "a mistake in the log explains the recordings as well as an effect of the "
-    "robot does, and no motion can part them: check how the log is written",
+    "log_or_robot": "several explanations are left, some with a mistake in the log, which no "
+    "motion can show: check how the log is written",
     "no_gap": "the model follows the robot: there is nothing to explain",
     "unexplained": "nothing in the vocabulary explains the gap: there is nothing to part",
     "budget": "the budget is spent, and several explanations are left",
