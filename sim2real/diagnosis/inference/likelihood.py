@@ -49,7 +49,7 @@ from sim2real.diagnosis.inference.products import (
 from sim2real.diagnosis.settings.inference import Inference
 
 FOLDS = 2  # halves of the windows: one is trained on, the other predicted
-NEAR = np.array(sorted(product((-1, 0, 1), repeat=2), key=any))  # steps of time and size
+NEAR = sorted(product((-1, 0, 1), repeat=2), key=any)  # steps of time and size
 SHIFTS = np.arange(-1, 5)  # doublings of a window's own discrepancy
 
 
@@ -136,9 +136,7 @@ class Likelihood:
         self._turned = self._turn(np.where(used[..., None, None], directions, 0.0))
         count = directions.shape[-1]
         self._gram = np.empty((*self._inverse.shape[:-1], count, count))  # (T, S, M, W, D, D)
-        for time, turned in enumerate(self._turned):  # of one size at a time: memory
-            for size, inverse in enumerate(self._inverse[time]):
-                self._gram[time, size] = (turned * inverse[..., None]).mT @ turned
+        self._known = np.zeros(self._inverse.shape[:3], bool)  # of which it is computed: few
 
     def _turn(self, values: np.ndarray) -> np.ndarray:
         """Return values (W, N, M, ...) in the bases of all correlation times, (T, M, W, N, ...)."""
@@ -263,6 +261,13 @@ class Likelihood:
 
     def _products(self, projection: Projection, cell: Any) -> Products:
         """Return the products at times, sizes, joints and windows."""
+        if not self._known[cell[:3]].all():
+            asked = np.zeros_like(self._known)
+            asked[cell[:3]] = True
+            for one in map(tuple, np.argwhere(asked & ~self._known)):
+                turned = self._turned[one[0], one[2]]  # (W, N, D)
+                self._gram[one] = (turned * self._inverse[one][..., None]).mT @ turned
+                self._known[one] = True
         return Products(self._gram[cell], projection.cross[cell], projection.square[cell])
 
     def _begin(
@@ -292,17 +297,21 @@ class Likelihood:
         before: list[Products] = []  # those before it
         for joint in range(len(self.noise)):
             others = before + later[joint : joint + 1]
-            while True:
-                here = time[joint], size[joint]
-                times, sizes = _list_near(*here, len(self.basis.vectors) - 1, cap[joint]).T
-                own = np.clip(sizes[:, None] + SHIFTS[shift[windows]], 0, cap[joint])  # (c, n)
-                cells = self._products(projection, (times[:, None], own, joint, windows))
-                tried = reduce(add, others, cells)
-                best = int(np.argmax(condense(integrate(tried, self._local))[0]))
-                time[joint], size[joint] = times[best], sizes[best]
-                if here == (time[joint], size[joint]):
-                    break
-            before = [reduce(add, before, Products(*(one[best] for one in cells)))]
+            known: dict[tuple[int, int], float] = {}  # densities by time and size
+            here, last = (int(time[joint]), int(size[joint])), None
+            while here != last:
+                near = _list_near(*here, len(self.basis.vectors) - 1, cap[joint])
+                if new := [one for one in near if one not in known]:
+                    times, sizes = np.array(new).T
+                    own = np.clip(sizes[:, None] + SHIFTS[shift[windows]], 0, cap[joint])  # (c, n)
+                    cells = self._products(projection, (times[:, None], own, joint, windows))
+                    tried = condense(integrate(reduce(add, others, cells), self._local))[0]
+                    known.update(zip(new, tried, strict=True))
+                last, here = here, max(near, key=known.__getitem__)
+            time[joint], size[joint] = here
+            own = np.clip(size[joint] + SHIFTS[shift[windows]], 0, cap[joint])
+            cells = self._products(projection, (time[joint], own, joint, windows))
+            before = [reduce(add, before, cells)]
 
     def _assign(
         self,
@@ -333,7 +342,7 @@ def _log_shifts(freedom: float) -> np.ndarray:
     return np.log(np.diff([0.0, *below, 1.0]))
 
 
-def _list_near(time: int, size: int, last: int, most: int) -> np.ndarray:
-    """Return indices of a time and a size, and of their neighbours, (c, 2): itself first."""
-    found = np.add(NEAR, (time, size))
-    return found[((found >= 0) & (found <= (last, most))).all(axis=1)]
+def _list_near(time: int, size: int, last: int, most: int) -> list[tuple[int, int]]:
+    """Return indices of a time and a size, and of their neighbours: itself first."""
+    found = [(time + later, size + larger) for later, larger in NEAR]
+    return [(t, s) for t, s in found if 0 <= t <= last and 0 <= s <= most]

@@ -76,6 +76,7 @@ def find_causes(about: About) -> Causes:
         data = about.restart(merge_effects(about.fixed, found))
         fitted = judgement.best, *judgement.rivals
         labels = {member.label for fit in fitted for member in fit.hypothesis.members}
+        del baseline, judgement, fitted  # their likelihoods take memory
         baseline, judgement = _judge(about, data, labels)
     made = make_conclusion(judgement, baseline, about.rng)
     return Causes(judgement.judge.data, baseline, judgement, made)
