@@ -54,7 +54,6 @@ class Mechanics:
         self.qpos = model.jnt_qposadr[joints]
         self.dof = model.jnt_dofadr[joints]
         self._resistance = model.actuator_gainprm[actuators, 0].copy()
-        self._signs = np.array([float(servo.sign) for servo in robot.servos])
         self._set_plays(plays, hidden)
         self._set_laws(hidden)
         self._driven = np.ones(len(actuators), bool)
