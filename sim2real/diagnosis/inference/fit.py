@@ -94,6 +94,7 @@ class Fitter:
         """Return the fits of hypotheses, each from the best of its points.
 
         They race: one that would not reach the best at the pace of its last step goes no further.
+        A step that failed says nothing of the pace of the next, which is damped more.
 
         Args:
             starts: hypotheses, and where each begins.
@@ -107,7 +108,7 @@ class Fitter:
         for left in reversed(range(rounds)):
             live = self._step(live) if live else []
             best = max((state.density.sum() for state in states), default=0.0)
-            live = [one for one in live if one.density.sum() + one.gain.sum() * left >= best]
+            live = [one for one in live if one.within_reach(best, left)]
         return self._finish(states)
 
     def replay_points(self, starts: Sequence[Start]) -> list[np.ndarray]:
@@ -328,6 +329,10 @@ class _State:
             self.values[side], self.density[side] = other.values[side], other.density[side]
             self.trained[side] = other.trained[side]
         return gain
+
+    def within_reach(self, best: float, rounds: int) -> bool:
+        """Return whether so many steps like the last may lead to a density [nats]."""
+        return not self.gain.any() or self.density.sum() + self.gain.sum() * rounds >= best
 
     def nudges(self, share: float, least: float) -> np.ndarray:
         """Return a step of each value for finite differences, (2, P), inside its bounds."""

@@ -94,6 +94,19 @@ def test_a_fit_that_cannot_reach_the_best_at_its_pace_goes_no_further(
     np.testing.assert_allclose(fits[0].values, alone.values)
 
 
+def test_a_fit_whose_step_went_too_far_is_given_a_shorter_one(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    """Errors are linear in 1 / scale: the first step of a scale that is to be halved ends at 0."""
+    log, scale = arm.make_log(seconds=8.0, noise=NOISE), 0.25
+    scaled = {name: scale * v for name, v in log.columns.items() if name.startswith("ctrl.")}
+    case = case_of(Log({**log.columns, **scaled}), tmp_path_factory)
+    (change,) = (c for c in list_log_changes(case.data) if c.label == "log.scale.ctrl")
+    starts = [Start(Hypothesis((change,)), np.array([[v]])) for v in (2 * scale, scale)]
+    for fit in case.fitter.fit(starts):
+        np.testing.assert_allclose(fit.values, scale, rtol=0.01)
+
+
 def test_the_score_is_of_held_out_windows(case: Case) -> None:
     """It is that of each window under the values and the discrepancy of the other fold."""
     start = Start(Hypothesis((case.options["coulomb_friction.b"],)), np.array([[0.1]]))
