@@ -51,6 +51,7 @@ from sim2real.diagnosis.settings.inference import Inference
 FOLDS = 2  # halves of the windows: one is trained on, the other predicted
 NEAR = sorted(product((-1, 0, 1), repeat=2), key=any)  # steps of time and size
 SHIFTS = np.arange(-1, 5)  # doublings of a window's own discrepancy
+DECIMALS = 6  # of nats: what differs by less is as good, and the first is taken, not the rounding's
 
 
 class Basis(NamedTuple):
@@ -280,7 +281,8 @@ class Likelihood:
         time, size = np.zeros(len(cap), int), np.zeros(len(cap), int)
         for joint, last in enumerate(cap):
             own = alone[:, : last + 1, joint]
-            time[joint], size[joint] = np.unravel_index(np.argmin(own), own.shape)
+            best = np.argmin(own.round(DECIMALS))  # of size 0 all times are alike
+            time[joint], size[joint] = np.unravel_index(best, own.shape)
         return time, size, np.full(len(self.used), int(np.flatnonzero(SHIFTS == 0)[0]))
 
     def _sweep(
@@ -306,7 +308,7 @@ class Likelihood:
                     own = np.clip(sizes[:, None] + SHIFTS[shift[windows]], 0, cap[joint])  # (c, n)
                     cells = self._products(projection, (times[:, None], own, joint, windows))
                     tried = condense(integrate(reduce(add, others, cells), self._local))[0]
-                    known.update(zip(new, tried, strict=True))
+                    known.update(zip(new, tried.round(DECIMALS), strict=True))
                 last, here = here, max(near, key=known.__getitem__)
             time[joint], size[joint] = here
             own = np.clip(size[joint] + SHIFTS[shift[windows]], 0, cap[joint])

@@ -66,6 +66,17 @@ def test_density_of_the_trained_windows_is_the_dense_gaussians() -> None:
     assert trained.density == pytest.approx(dense + prior, abs=1e-8)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_the_last_bit_of_an_error_chooses_no_correlation_time(seed: int) -> None:
+    """Readings alone leave no discrepancy: all times are alike, and the first is taken."""
+    small, windows = Small(seed), np.arange(W)
+    errors = 0.1 * small.noise * small.errors
+    for last in np.random.default_rng(seed).uniform(-1e-14, 1e-14, (4, *errors.shape)):
+        projection = small.likelihood.project(errors * (1 + last))
+        trained = small.likelihood.train(projection, windows)
+        assert (trained.time.tolist(), trained.size.tolist()) == ([0, 0], [0, 0])
+
+
 def test_held_out_density_is_a_quotient_of_dense_gaussians() -> None:
     """p(held out | trained on) = p(both) / p(trained on), mixed over the window's own scale."""
     small = Small(1)
