@@ -331,7 +331,7 @@ class _State:
         return gain
 
     def within_reach(self, best: float, rounds: int) -> bool:
-        """Return whether so many steps like the last may lead to a density [nats]."""
+        """Return whether so many steps, like the last unless it failed, may lead to a density."""
         return not self.gain.any() or self.density.sum() + self.gain.sum() * rounds >= best
 
     def nudges(self, share: float, least: float) -> np.ndarray:

@@ -49,7 +49,7 @@ from sim2real.diagnosis.inference.products import (
 from sim2real.diagnosis.settings.inference import Inference
 
 FOLDS = 2  # halves of the windows: one is trained on, the other predicted
-NEAR = sorted(product((-1, 0, 1), repeat=2), key=any)  # steps of time and size
+NEAR = np.array(sorted(product((-1, 0, 1), repeat=2), key=any))  # steps of time and size
 SHIFTS = np.arange(-1, 5)  # doublings of a window's own discrepancy
 DECIMALS = 6  # of nats: what differs by less is as good, and the first is taken, not the rounding's
 
@@ -299,21 +299,17 @@ class Likelihood:
         before: list[Products] = []  # those before it
         for joint in range(len(self.noise)):
             others = before + later[joint : joint + 1]
-            known: dict[tuple[int, int], float] = {}  # densities by time and size
-            here, last = (int(time[joint]), int(size[joint])), None
-            while here != last:
-                near = _list_near(*here, len(self.basis.vectors) - 1, cap[joint])
-                if new := [one for one in near if one not in known]:
-                    times, sizes = np.array(new).T
-                    own = np.clip(sizes[:, None] + SHIFTS[shift[windows]], 0, cap[joint])  # (c, n)
-                    cells = self._products(projection, (times[:, None], own, joint, windows))
-                    tried = condense(integrate(reduce(add, others, cells), self._local))[0]
-                    known.update(zip(new, tried.round(DECIMALS), strict=True))
-                last, here = here, max(near, key=known.__getitem__)
-            time[joint], size[joint] = here
-            own = np.clip(size[joint] + SHIFTS[shift[windows]], 0, cap[joint])
-            cells = self._products(projection, (time[joint], own, joint, windows))
-            before = [reduce(add, before, cells)]
+            while True:
+                here = time[joint], size[joint]
+                times, sizes = _list_near(*here, len(self.basis.vectors) - 1, cap[joint]).T
+                own = np.clip(sizes[:, None] + SHIFTS[shift[windows]], 0, cap[joint])  # (c, n)
+                cells = self._products(projection, (times[:, None], own, joint, windows))
+                tried = condense(integrate(reduce(add, others, cells), self._local))[0]
+                best = int(np.argmax(tried.round(DECIMALS)))
+                time[joint], size[joint] = times[best], sizes[best]
+                if here == (time[joint], size[joint]):
+                    break
+            before = [reduce(add, before, Products(*(one[best] for one in cells)))]
 
     def _assign(
         self,
@@ -344,7 +340,7 @@ def _log_shifts(freedom: float) -> np.ndarray:
     return np.log(np.diff([0.0, *below, 1.0]))
 
 
-def _list_near(time: int, size: int, last: int, most: int) -> list[tuple[int, int]]:
-    """Return indices of a time and a size, and of their neighbours: itself first."""
-    found = [(time + later, size + larger) for later, larger in NEAR]
-    return [(t, s) for t, s in found if 0 <= t <= last and 0 <= s <= most]
+def _list_near(time: int, size: int, last: int, most: int) -> np.ndarray:
+    """Return indices of a time and a size, and of their neighbours, (c, 2): itself first."""
+    found = np.add(NEAR, (time, size))
+    return found[((found >= 0) & (found <= (last, most))).all(axis=1)]
