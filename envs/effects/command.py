@@ -302,10 +302,10 @@ class ProfileVelocity(_ProfileEffect):
     experiment = "steps of two sizes, which become ramps of the same slope"
 
     def probes(self, scale: RobotScale) -> np.ndarray:
-        """Return limits that slow the usual motion, and one that slows only steps."""
+        """Return the speed that the joint reaches, and limits that slow usual motions or steps."""
         usual, most = scale.speeds_at(self.where)
-        sizes = np.array([0.8, 0.5, 0.25, 0.12]) * usual
-        return np.append(sizes, np.sqrt(usual * most)) if most > 2 * usual else sizes
+        sizes = [scale.reached_at(self.where), *np.array([0.8, 0.4, 0.2]) * usual]
+        return np.array([*sizes, np.sqrt(usual * most)] if most > 2 * usual else sizes)
 
 
 class ProfileAcceleration(_ProfileEffect):

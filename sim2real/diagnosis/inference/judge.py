@@ -88,10 +88,19 @@ class Judgement:
 
 
 class Left(NamedTuple):
-    """What a discrepancy of any size gains over one of at most an encoder count."""
+    """What a discrepancy of any size gains over one of at most an encoder count.
 
-    gain: Gain  # nats a reading, but for a few windows: contact and sticking make errors jump
-    whole: float  # upper bound with those windows
+    Contact and sticking make errors jump: the few windows in which it gains most may be left.
+
+    Args:
+        gain: without these windows [nats a reading], with bounds.
+        whole: upper bound with them [nats a reading].
+        closes: by what share the fit shortens the errors of the others, in noises of a reading.
+    """
+
+    gain: Gain
+    whole: float
+    closes: float
 
 
 class Judge:
@@ -191,16 +200,21 @@ class Judge:
 
     def is_enough(self, fit: Fit) -> bool:
         """Return whether a fit explains the gap and shortens errors by what that takes."""
-        return self.explains(fit) and self._closes(fit) >= self.settings.most
+        return self.explains(fit) and self.left(fit).closes >= self.settings.most
 
     def left(self, fit: Fit) -> Left:
         """Return what a fit leaves."""
-        windows = self.left_in_windows(fit)
-        few, readings = int(self.settings.moments * len(windows)), self.rows * len(self.most)
-        rank = np.argsort(np.argsort(-windows))
-        lasting = np.where(rank < few, 0.0, windows)
-        gain, whole = self.bootstrap.gain(lasting), self.bootstrap.gain(windows)
-        return Left(Gain(*(value / readings for value in gain)), whole.high / readings)
+        windows, readings = self.left_in_windows(fit), self.rows * len(self.most)
+        few = int(self.settings.moments * len(windows))
+        lasting = np.argsort(np.argsort(-windows)) >= few
+        gain = self.bootstrap.gain(np.where(lasting, windows, 0.0))
+        held = (one.held[lasting] / self.replayer.noise for one in (self.given, fit))
+        before, after = (np.sqrt(np.square(errors).sum()) for errors in held)
+        return Left(
+            Gain(*(value / readings for value in gain)),
+            self.bootstrap.gain(windows).high / readings,
+            float(1 - after / before),
+        )
 
     def left_in_windows(self, fit: Fit) -> np.ndarray:
         """Return what a free discrepancy gains in each window [nats], (W,)."""
@@ -329,13 +343,14 @@ class Judge:
         over = [*self.nulls.values(), *([self.given] if members else [])]
         low, high = best.hypothesis.bounded(self.settings.implausible)
         inside = (best.values > low) & (best.values < high)
+        left = self.left(best)
         standing = Standing(
             len(members),
-            self.left(best).gain,
+            left.gain,
             [self.bootstrap.gain(best.score - other.score) for other in over],
             bool(inside[:, best.hypothesis.smooth].all()),
             follows_episodes(self.data, best, *self._rest),
-            self._closes(best),
+            left.closes,
             alone
             and not share_joint(best.hypothesis, len(self.data.joints))
             and stands_alone(self.fitter, self.bootstrap, best, list(tried.values())),
@@ -382,9 +397,3 @@ class Judge:
     ) -> tuple[Fitter, np.ndarray, np.ndarray]:
         own = self.replayer, self.coarse, self.fold, hypothesis, values
         return make_fitter(*own, self.basis)
-
-    def _closes(self, fit: Fit) -> float:
-        """Return by what share a fit shortens errors, in noises of a reading."""
-        held = (one.held / self.replayer.noise for one in (self.given, fit))
-        before, after = (np.sqrt(np.square(errors).sum()) for errors in held)
-        return float(1 - after / before)

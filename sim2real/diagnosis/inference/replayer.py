@@ -102,7 +102,8 @@ class Replayer:
         self.every = np.arange(len(data.windows))
         spread = np.array([joint.spread for joint in data.joints])
         noise = [reading_noise(data.logs, f"qpos.{j.name}", data.settings) for j in data.joints]
-        least = np.maximum(self.settings.negligible * spread, TINY)
+        known = [joint.floor for joint in data.joints]
+        least = np.maximum(self.settings.negligible * spread, np.maximum(known, TINY))
         self.noise = np.maximum(noise, least) / data.scale  # (M,)
         self.count = np.array([joint.count for joint in data.joints]) / data.scale
         self.finer: Replayer | None = None  # for what needs shorter steps

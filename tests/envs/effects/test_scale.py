@@ -40,6 +40,14 @@ def test_friction_of_a_motor_without_a_limit_is_probed_at_its_own_size() -> None
     assert probes.min() == pytest.approx(0.02) and probes.max() == pytest.approx(0.7)
 
 
+def test_a_speed_that_is_never_passed_may_be_a_limit() -> None:
+    """Commands of at most 4 rad/s whose joint stays at 3: the limit itself is probed."""
+    model = mujoco.MjModel.from_xml_string(BODY.format('<position joint="hinge" kp="8"/>'))
+    own = RobotScale(model, speeds=lambda name: (2.6, 4.0), reached=lambda joint: 3.0)
+    (actuator,) = own.actuators
+    assert 3.0 in make("profile_velocity", where=actuator).probes(own)
+
+
 def test_without_a_place_a_size_is_that_of_all_joints() -> None:
     """The mean torque and inertia, the least friction of the model's own, the fastest command."""
     text = """<mujoco><worldbody><body><joint name="a" axis="0 1 0" frictionloss="0.1"/>

@@ -42,6 +42,21 @@ def test_nothing_hidden_is_no_gap(tmp_path: Path) -> None:
     assert judgement.best.hypothesis.members == ()
 
 
+def test_moments_that_may_be_left_count_nowhere(tmp_path: Path, monkeypatch) -> None:
+    """Neither in what a discrepancy gains nor in the errors that an explanation has to shorten."""
+    judge = Judge(arm.data_of(arm.make_log(seconds=60.0, noise=NOISE), tmp_path))
+    count = len(judge.given.held)
+    few = int(judge.settings.moments * count)
+    assert 0 < few < count
+    gains = np.where(np.arange(count) < few, 1e6, 0.0)
+    monkeypatch.setattr(judge, "left_in_windows", lambda fit: gains)
+    errors = np.where(gains[:, None, None] > 0, 100 * judge.given.held, judge.given.held / 4)
+    left = judge.left(replace(judge.given, held=errors))
+    assert left.closes == pytest.approx(0.75)
+    assert left.gain == (0.0, 0.0, 0.0)
+    assert left.whole > 1.0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("hidden", [(), (FRICTION,)])
 def test_a_late_row_is_named_with_and_without_an_effect_beside(

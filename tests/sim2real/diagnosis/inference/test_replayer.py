@@ -1,5 +1,6 @@
 """The windows that a judge looks at."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +57,16 @@ def test_a_logged_speed_is_as_unsure_as_it_scatters(tmp_path: Path) -> None:
     smooth, noisy = unsure
     assert (noisy >= smooth).all()
     assert np.median(noisy) == pytest.approx(0.2, rel=0.3)
+
+
+def test_noise_that_is_known_beforehand_is_the_least(tmp_path: Path) -> None:
+    """An axis that hardly moves looks better than its instrument is."""
+    data = arm.data_of(arm.make_log(noise=1e-4), tmp_path)
+    free, known = Replayer(data).noise * data.scale, (0.01, 0.0)
+    joints = [joint._replace(floor=own) for joint, own in zip(data.joints, known, strict=True)]
+    least = Replayer(replace(data, joints=tuple(joints))).noise * data.scale
+    np.testing.assert_allclose(least, np.maximum(free, known))
+    assert free[0] < known[0]
 
 
 def test_late_readings_beside_friction_are_undone_in_the_log(tmp_path: Path) -> None:
