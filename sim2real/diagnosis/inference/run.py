@@ -144,10 +144,10 @@ def skip_ends(data: Data) -> Data:
         begin, end = int(own[0]) + rows, int(own[-1]) - rows
         there = np.arange(window.first, window.first + len(window.usable))
         kept = window.usable & (there <= end)
-        if window.start < begin < end:
+        if window.start < begin:
             kept &= log.time[np.minimum(there, own[-1])] >= log.time[begin] + ahead
-        if kept.sum() < 2 or (kept == window.usable).all():
-            continue
+        if end <= begin or kept.sum() < 2 or (kept == window.usable).all():
+            continue  # an episode as short as that is left whole
         if window.start < begin:
             args = (window.log, window.model, data.models[window.model], data.joints)
             cut = (begin, window.first, window.last)

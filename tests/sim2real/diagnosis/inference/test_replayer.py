@@ -13,6 +13,7 @@ from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
 from sim2real.diagnosis.inference.log_changes import list_log_changes
 from sim2real.diagnosis.inference.replayer import Job, Replayer
 from sim2real.diagnosis.inference.run import skip_ends
+from sim2real.loops.improve.target import cut
 from tests.sim2real.diagnosis import arm
 
 ROWS = 6
@@ -34,6 +35,15 @@ def test_ends_of_episodes_are_left_out(tmp_path: Path) -> None:
     assert later.mask[last, :shown].all() and not later.mask[last, shown:].any()
     np.testing.assert_array_equal(later.mask[1:last], data.mask[1:last])
     assert later.windows[1] is data.windows[1]
+
+
+def test_an_episode_that_is_all_ends_is_left_whole(tmp_path: Path) -> None:
+    """Nothing would be left of it, and its windows still start where they are compared."""
+    data = arm.data_of(cut(arm.make_log(noise=1e-4), 0.2), tmp_path)
+    assert all(len(part) <= 2 * ROWS for part in data.logs[0].episodes())
+    later = skip_ends(data)
+    np.testing.assert_array_equal(later.mask, data.mask)
+    assert all(a is b for a, b in zip(later.windows, data.windows, strict=True))
 
 
 def test_an_episode_is_one_window(tmp_path: Path) -> None:
