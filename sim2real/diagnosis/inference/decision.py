@@ -28,7 +28,7 @@ class Standing(NamedTuple):
         over: what it gains over each null explanation and the model as given [nats], with bounds.
         inside: whether all values lie within the bounds of what they can physically be.
         replays: whether whole episodes follow it at least as well as a joint that stays.
-        closes: by what share it shortens errors but for moments, in noises of a reading.
+        closes: share that it closes of the errors that exceed noise, but for moments.
         alone: whether no explanation as short as this does as well with quite other causes or an
             excluded effect, and no two of its effects are at one joint of several.
     """

@@ -50,6 +50,7 @@ from sim2real.diagnosis.inference.search import Search, is_better, keep_better
 from sim2real.diagnosis.inference.unknowns import is_lost, make_fitter
 from sim2real.diagnosis.inference.vocabulary import Vocabulary
 from sim2real.diagnosis.schema import Verdict
+from sim2real.diagnosis.settings import TINY
 
 NULLS = ("each joint stays", "each joint keeps its measured speed")
 SHARES = (0.05, 0.3, 0.5, 0.6, 0.7)  # of the work that is done, by the members that are known
@@ -95,7 +96,7 @@ class Left(NamedTuple):
     Args:
         gain: without these windows [nats a reading], with bounds.
         whole: upper bound with them [nats a reading].
-        closes: by what share the fit shortens the errors of the others, in noises of a reading.
+        closes: share that the fit closes of the errors of the others that exceed noise.
     """
 
     gain: Gain
@@ -210,11 +211,10 @@ class Judge:
         gain = self.bootstrap.gain(np.where(lasting, windows, 0.0))
         held = (one.held[lasting] / self.replayer.noise for one in (self.given, fit))
         before, after = (np.sqrt(np.square(errors).sum()) for errors in held)
-        return Left(
-            Gain(*(value / readings for value in gain)),
-            self.bootstrap.gain(windows).high / readings,
-            float(1 - after / before),
-        )
+        least = np.sqrt(self.replayer.used[lasting].sum() * len(self.most))  # noise alone
+        closes = min(float((before - after) / max(before - least, TINY)), 1.0)
+        whole = self.bootstrap.gain(windows).high / readings
+        return Left(Gain(*(value / readings for value in gain)), whole, closes)
 
     def left_in_windows(self, fit: Fit) -> np.ndarray:
         """Return what a free discrepancy gains in each window [nats], (W,)."""

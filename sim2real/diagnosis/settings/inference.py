@@ -132,7 +132,7 @@ class Inference:
     most: float = setting(
         0.5,
         "1",
-        "smallest relative reduction of the errors for the verdict `explained`",
+        "smallest share of the errors beyond noise that is closed, for the verdict `explained`",
         "derived: most of it, and not what is put down to usual errors",
     )
     moments: float = setting(

@@ -50,9 +50,10 @@ def test_moments_that_may_be_left_count_nowhere(tmp_path: Path, monkeypatch) -> 
     assert 0 < few < count
     gains = np.where(np.arange(count) < few, 1e6, 0.0)
     monkeypatch.setattr(judge, "left_in_windows", lambda fit: gains)
-    errors = np.where(gains[:, None, None] > 0, 100 * judge.given.held, judge.given.held / 4)
-    left = judge.left(replace(judge.given, held=errors))
-    assert left.closes == pytest.approx(0.75)
+    noise, many = judge.replayer.used[..., None] * judge.replayer.noise, gains[:, None, None] > 0
+    judge.given = replace(judge.given, held=np.where(many, 90, 9) * noise)
+    left = judge.left(replace(judge.given, held=np.where(many, 900, 3) * noise))
+    assert left.closes == pytest.approx((9 - 3) / (9 - 1))
     assert left.gain == (0.0, 0.0, 0.0)
     assert left.whole > 1.0
 
