@@ -270,7 +270,8 @@ class Judge:
         mistakes in the log go first: what is equivalent to an effect of the robot is called one.
         """
         top = max(fits, key=lambda fit: fit.total - self.price(fit.hypothesis) * self.rows)
-        near = [f for f in fits if f is top or self.bootstrap.gain(top.score - f.score).low <= 0]
+        least = self.settings.settled  # nats, to which a fit is known
+        near = [f for f in fits if self.bootstrap.gain(top.score - f.score).low <= least]
         return min(near, key=lambda f: (*f.hypothesis.burden, -f.total))
 
     def _prune(self, tried: dict[str, Fit], fitter: Fitter) -> Fit:

@@ -11,7 +11,7 @@ import pytest
 from hardware.log import Log
 from sim2real.diagnosis.inference import search as searching
 from sim2real.diagnosis.inference.fit import Fit, Start
-from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
 from sim2real.diagnosis.inference.judge import Judge, Judgement
 from sim2real.diagnosis.inference.log_changes import list_log_changes
 from sim2real.diagnosis.inference.remainder import describe_remainder
@@ -146,24 +146,38 @@ def test_an_effect_that_a_mistake_of_the_log_equals_is_named(tmp_path: Path) -> 
     assert labels[1] in {fit.label for fit in judgement.rivals}
 
 
+def fit_of(judge: Judge, member: Member, gained: float) -> Fit:
+    """Return a fit of one member that wins so much [nats a row]."""
+    hypothesis = Hypothesis((member,))
+    gain = gained * judge.rows / len(judge.given.score)
+    values = np.zeros((2, len(hypothesis.low)))
+    return replace(
+        judge.given, hypothesis=hypothesis, values=values, score=judge.given.score + gain
+    )
+
+
 def test_more_values_have_to_pay_for_themselves(tmp_path: Path) -> None:
     """Two values that win a little more than one, but not their price, do not displace it."""
     data = arm.data_of(arm.make_log(noise=NOISE), tmp_path)
     judge, members = Judge(data), {m.label: m for m in Vocabulary(data).members}
     judge.choices = len(members)
-
-    def fit_of(label: str, beyond: float) -> Fit:
-        hypothesis = Hypothesis((members[label],))
-        gain = (judge.price(one.hypothesis) + beyond) * judge.rows / len(judge.given.score)
-        values = np.zeros((2, len(hypothesis.low)))
-        return replace(
-            judge.given, hypothesis=hypothesis, values=values, score=judge.given.score + gain
-        )
-
-    one = replace(judge.given, hypothesis=Hypothesis((members["encoder_offset.b"],)))
-    fits = [fit_of("encoder_offset.b", 0.010), fit_of("gravity_tilt", 0.015)]
-    assert judge.price(fits[1].hypothesis) > judge.price(one.hypothesis) + 0.015
+    one, two = members["encoder_offset.b"], members["gravity_tilt"]
+    price = judge.price(Hypothesis((one,)))
+    fits = [fit_of(judge, one, price + 0.010), fit_of(judge, two, price + 0.015)]
+    assert judge.price(fits[1].hypothesis) > price + 0.015
     assert judge.choose({fit.label: fit for fit in fits}) is fits[0]
+
+
+@pytest.mark.parametrize(("nats", "robot"), [(0.1, True), (20.0, False)])
+def test_a_fit_is_known_to_what_ends_it(nats: float, robot: bool, tmp_path: Path) -> None:
+    """A mistake of the log that wins less than that is the effect that it equals."""
+    data = arm.data_of(arm.make_log(noise=NOISE), tmp_path)
+    judge, members = Judge(data), {m.label: m for m in Vocabulary(data).members}
+    judge.choices = len(members)
+    effect, mistake = members["encoder_offset.b"], members["log.offset.ctrl.qpos.b"]
+    least = judge.price(Hypothesis((effect,))) + 0.01
+    fits = [fit_of(judge, effect, least), fit_of(judge, mistake, least + nats / judge.rows)]
+    assert judge.choose({fit.label: fit for fit in fits}) is fits[0 if robot else 1]
 
 
 @pytest.mark.parametrize(("gain", "every"), [(0.0, True), (1e6, False)])
