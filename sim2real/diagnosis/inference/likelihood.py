@@ -28,7 +28,7 @@ integrated out by the matrix inversion lemma, L within each window and C over al
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import reduce
 from itertools import accumulate, product
 from typing import Any, NamedTuple
@@ -49,7 +49,7 @@ from sim2real.diagnosis.inference.products import (
 from sim2real.diagnosis.settings.inference import Inference
 
 FOLDS = 2  # halves of the windows: one is trained on, the other predicted
-NEAR = np.array(sorted(product((-1, 0, 1), repeat=2), key=any))  # steps of time and size
+NEAR = sorted(product((-1, 0, 1), repeat=2), key=any)  # steps of time and size
 SHIFTS = np.arange(-1, 5)  # doublings of a window's own discrepancy
 DECIMALS = 6  # of nats: what differs by less is as good, and the first is taken, not the rounding's
 
@@ -82,7 +82,9 @@ def decompose(times: np.ndarray, used: np.ndarray, correlations: Sequence[float]
 class Projection(NamedTuple):
     """Errors as the likelihood needs them, for each correlation time T, size S and joint."""
 
+    turned: np.ndarray  # (T, M, W, N) in the bases of the correlation times
     cross: np.ndarray  # (T, S, M, W, D) directions' products with the whitened errors
+    known: np.ndarray  # (T, S, M) of which these are computed: few are asked for
     square: np.ndarray  # (T, S, M, W) square of the whitened errors, and the log determinant
 
 
@@ -148,10 +150,9 @@ class Likelihood:
     def project(self, errors: np.ndarray) -> Projection:
         """Return errors (W, N, M) as the other methods need them."""
         turned = self._turn(np.where(self.used[..., None], errors, 0.0))  # (T, M, W, N)
-        weighed = self._inverse * turned[:, None]  # (T, S, M, W, N)
-        cross = np.moveaxis(np.moveaxis(weighed, 1, 3) @ self._turned, 3, 1)
-        square = (weighed * turned[:, None]).sum(axis=-1) + self._log_det
-        return Projection(cross, square)
+        square = np.einsum("tsmwn,tmwn->tsmw", self._inverse, turned**2) + self._log_det
+        cross = np.empty((*square.shape, self._gram.shape[-1]))
+        return Projection(turned, cross, np.zeros_like(self._known), square)
 
     def train(
         self,
@@ -235,7 +236,7 @@ class Likelihood:
         gram = eliminate(gram, self._local).sum(axis=0)
         return eliminate(gram, count - self._local, 1.0 if tempered else 1 / self._evidence)
 
-    def _shifted(self, size: np.ndarray, shift: np.ndarray, cap: int | None = None) -> np.ndarray:
+    def _shifted(self, size: Any, shift: np.ndarray, cap: int | None = None) -> np.ndarray:
         """Return indices of sizes that windows' own shifts lead to."""
         last = len(self.sizes) - 1 if cap is None else cap
         return np.clip(size + SHIFTS[shift], 0, last)
@@ -262,13 +263,13 @@ class Likelihood:
 
     def _products(self, projection: Projection, cell: Any) -> Products:
         """Return the products at times, sizes, joints and windows."""
-        if not self._known[cell[:3]].all():
-            asked = np.zeros_like(self._known)
-            asked[cell[:3]] = True
-            for one in map(tuple, np.argwhere(asked & ~self._known)):
-                turned = self._turned[one[0], one[2]]  # (W, N, D)
-                self._gram[one] = (turned * self._inverse[one][..., None]).mT @ turned
-                self._known[one] = True
+        for one in _list_new(self._known, cell[:3]):
+            turned = self._turned[one[0], one[2]]  # (W, N, D)
+            self._gram[one] = (turned * self._inverse[one][..., None]).mT @ turned
+        for one in _list_new(projection.known, cell[:3]):
+            weighed = self._inverse[one] * projection.turned[one[0], one[2]]  # (W, N)
+            directions = self._turned[one[0], one[2]]
+            projection.cross[one] = (weighed[:, None] @ directions)[:, 0]
         return Products(self._gram[cell], projection.cross[cell], projection.square[cell])
 
     def _begin(
@@ -298,18 +299,20 @@ class Likelihood:
         later = [*accumulate(reversed(parts), add)][-2::-1]  # those after each joint but the last
         before: list[Products] = []  # those before it
         for joint in range(len(self.noise)):
-            others = before + later[joint : joint + 1]
-            while True:
-                here = time[joint], size[joint]
-                times, sizes = _list_near(*here, len(self.basis.vectors) - 1, cap[joint]).T
+            others, tried = before + later[joint : joint + 1], dict[tuple[int, int], float]()
+            ends = len(self.basis.vectors) - 1, int(cap[joint])
+            best = int(time[joint]), int(size[joint])
+            while near := [one for one in _list_near(*best, *ends) if one not in tried]:
+                times, sizes = np.transpose(near)
                 own = np.clip(sizes[:, None] + SHIFTS[shift[windows]], 0, cap[joint])  # (c, n)
                 cells = self._products(projection, (times[:, None], own, joint, windows))
-                tried = condense(integrate(reduce(add, others, cells), self._local))[0]
-                best = int(np.argmax(tried.round(DECIMALS)))
-                time[joint], size[joint] = times[best], sizes[best]
-                if here == (time[joint], size[joint]):
-                    break
-            before = [reduce(add, before, Products(*(one[best] for one in cells)))]
+                found = condense(integrate(reduce(add, others, cells), self._local))[0]
+                tried |= dict(zip(near, found.round(DECIMALS).tolist(), strict=True))
+                best = max(tried, key=tried.__getitem__)
+            time[joint], size[joint] = best
+            own = self._shifted(best[1], shift[windows], cap[joint])
+            cells = self._products(projection, (best[0], own, joint, windows))
+            before = [reduce(add, before, cells)]
 
     def _assign(
         self,
@@ -340,7 +343,16 @@ def _log_shifts(freedom: float) -> np.ndarray:
     return np.log(np.diff([0.0, *below, 1.0]))
 
 
-def _list_near(time: int, size: int, last: int, most: int) -> np.ndarray:
-    """Return indices of a time and a size, and of their neighbours, (c, 2): itself first."""
-    found = np.add(NEAR, (time, size))
-    return found[((found >= 0) & (found <= (last, most))).all(axis=1)]
+def _list_new(known: np.ndarray, cells: Any) -> Iterator[tuple[int, ...]]:
+    """Yield which of some cells are not known yet, each once; from then on they are."""
+    asked = np.zeros_like(known)
+    asked[cells] = True
+    asked &= ~known
+    known |= asked
+    yield from map(tuple, np.argwhere(asked))
+
+
+def _list_near(time: int, size: int, last: int, most: int) -> list[tuple[int, int]]:
+    """Return indices of a time and a size, and of their neighbours: itself first."""
+    found = [(time + one, size + other) for one, other in NEAR]
+    return [(t, s) for t, s in found if 0 <= t <= last and 0 <= s <= most]
