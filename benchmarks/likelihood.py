@@ -18,7 +18,10 @@ from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
 
 EXAMS = {  # by title: robots that MuJoCo moves, and robots that Drake moves
-    "Since release 0.2.0": (("blindcheck_2057.csv",), ("thirdparty_61.csv", "thirdparty_62.csv")),
+    "Since release 0.2.0": (
+        tuple(f"blindcheck_{seed}.csv" for seed in (2057, 2058, 2059)),
+        tuple(f"thirdparty_{seed}.csv" for seed in (61, 62, 63)),
+    ),
     "Release 0.2.0 and versions before it": (
         tuple(f"blindcheck_{seed}.csv" for seed in (2049, 2051, 2053, 2054, 2055, 2056)),
         tuple(f"thirdparty_{seed}.csv" for seed in (55, 56, 57, 58, 59, 60)),
