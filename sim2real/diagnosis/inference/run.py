@@ -142,12 +142,14 @@ def skip_ends(data: Data) -> Data:
         rows = find_reach(log)
         own = np.flatnonzero(log.episode == window.episode)
         begin, end = int(own[0]) + rows, int(own[-1]) - rows
+        if end <= begin:
+            continue  # an episode as short as that is left whole
         there = np.arange(window.first, window.first + len(window.usable))
         kept = window.usable & (there <= end)
         if window.start < begin:
             kept &= log.time[np.minimum(there, own[-1])] >= log.time[begin] + ahead
-        if end <= begin or kept.sum() < 2 or (kept == window.usable).all():
-            continue  # an episode as short as that is left whole
+        if kept.sum() < 2 or (kept == window.usable).all():
+            continue
         if window.start < begin:
             args = (window.log, window.model, data.models[window.model], data.joints)
             cut = (begin, window.first, window.last)

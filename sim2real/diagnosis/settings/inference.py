@@ -133,7 +133,7 @@ class Inference:
         0.5,
         "1",
         "smallest share of the errors beyond noise that is closed, for the verdict `explained`",
-        "derived: most of it, and not what is put down to usual errors",
+        "derived: most of it",
     )
     moments: float = setting(
         0.1,

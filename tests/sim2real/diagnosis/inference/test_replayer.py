@@ -37,9 +37,10 @@ def test_ends_of_episodes_are_left_out(tmp_path: Path) -> None:
     assert later.windows[1] is data.windows[1]
 
 
-def test_an_episode_that_is_all_ends_is_left_whole(tmp_path: Path) -> None:
+@pytest.mark.parametrize("seconds", [0.1, 0.2])
+def test_an_episode_that_is_all_ends_is_left_whole(seconds: float, tmp_path: Path) -> None:
     """Nothing would be left of it, and its windows still start where they are compared."""
-    data = arm.data_of(cut(arm.make_log(noise=1e-4), 0.2), tmp_path)
+    data = arm.data_of(cut(arm.make_log(noise=1e-4), seconds), tmp_path)
     assert all(len(part) <= 2 * ROWS for part in data.logs[0].episodes())
     later = skip_ends(data)
     np.testing.assert_array_equal(later.mask, data.mask)
