@@ -175,9 +175,12 @@ class Heat:
         return [window for window in self._data.windows if window.log == number]
 
     def _both(self, number: int, strengths: np.ndarray) -> np.ndarray:
-        """Return the same of windows' motors of some strengths (W, nu), (2, T, nu)."""
+        """Return the same of windows' motors of some strengths (W, nu), (2, T, nu).
+
+        Rows that no window covers are taken to be as hard as the others are on average.
+        """
         log, windows = self._data.logs[number], self._windows(number)
-        found = np.zeros((2, len(log), strengths.shape[1]))
+        found = np.full((2, len(log), strengths.shape[1]), np.nan)
         paths = self._paths(number, strengths)
         for window, (model, path, plan, on) in zip(windows, paths, strict=True):
             rows = slice(window.first, window.last)
@@ -187,7 +190,8 @@ class Heat:
                 square = np.where(known, torque, 0.0) ** 2  # (K, nu)
                 ticks = log.time[window.start] + np.arange(len(square)) * model.opt.timestep
                 found[int(not damped), rows] = _means(square, ticks, log.time[rows])
-        return found
+        covered = np.isfinite(found[0]).all(axis=1)
+        return np.where(covered[:, None], found, found[:, covered].mean(axis=1, keepdims=True))
 
 
 def _spared(both: np.ndarray, points: np.ndarray) -> np.ndarray:

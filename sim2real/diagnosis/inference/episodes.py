@@ -36,7 +36,8 @@ def follows_episodes(
     replayer = Replayer(data.with_windows(cut_whole_episodes(data)), fixed, work, on_run)
     values = np.tile(fit.mean, (len(replayer.every), 1))
     (made,) = replayer.replay([Job(fit.hypothesis, values, replayer.every)])
-    local = cap_directions(replayer, replayer.starts(fit.hypothesis, values))
+    quick = replayer.coarsen(replayer.every)
+    local = cap_directions(replayer, quick.starts(fit.hypothesis, values))
     none = np.zeros((*made.error.shape, 0))
     rows = replayer.times, replayer.used, replayer.noise
     likelihood = Likelihood(*rows, local, none, replayer.settings)

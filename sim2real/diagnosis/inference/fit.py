@@ -83,10 +83,18 @@ class Fitter:
         replayer: replays them.
         likelihood: of their errors.
         fold: of each window, (W,).
+        quick: replays them in longer time steps, for slopes; None: as they are judged.
     """
 
-    def __init__(self, replayer: Replayer, likelihood: Likelihood, fold: np.ndarray) -> None:
+    def __init__(
+        self,
+        replayer: Replayer,
+        likelihood: Likelihood,
+        fold: np.ndarray,
+        quick: Replayer | None = None,
+    ) -> None:
         self.replayer, self.likelihood, self.fold = replayer, likelihood, fold
+        self._quick = quick
         self.settings = replayer.settings
         self.sides = [np.flatnonzero(fold == side) for side in range(FOLDS)]
 
@@ -152,10 +160,12 @@ class Fitter:
                 states[owner] = state
         return [states[number] for number in sorted(states)]
 
-    def _replay(self, jobs: Sequence[tuple[Hypothesis, np.ndarray]]) -> list[Replay]:
+    def _replay(
+        self, jobs: Sequence[tuple[Hypothesis, np.ndarray]], quick: Replayer | None = None
+    ) -> list[Replay]:
         """Return what each hypothesis makes of all windows under values (2, P) of their folds."""
-        every = self.replayer.every
-        return self.replayer.replay([Job(h, values[self.fold], every) for h, values in jobs])
+        every, replayer = self.replayer.every, self.replayer if quick is None else quick
+        return replayer.replay([Job(h, values[self.fold], every) for h, values in jobs])
 
     def _make(
         self,
@@ -213,10 +223,16 @@ class Fitter:
             for state, nudge in zip(states, nudges, strict=True)
             for place in state.places
         ]
-        moved = iter(self._replay(jobs))
-        for state, nudge in zip(states, nudges, strict=True):
+        bases = [state.replay for state in states]
+        if self._quick is not None:
+            at = [(state.hypothesis, state.values) for state in states]
+            bases, jobs = [], [*at, *jobs]
+        moved = iter(self._replay(jobs, self._quick))
+        bases = bases or [next(moved) for _ in states]
+        for state, base, nudge in zip(states, bases, nudges, strict=True):
             slopes = [
-                state.slope(next(moved), nudge[:, place], self.fold) for place in state.places
+                (next(moved).error - base.error) / _wide(nudge[self.fold, place], base.error)
+                for place in state.places
             ]
             state.slopes, state.fresh = np.stack(slopes, axis=-1), True
 
@@ -338,10 +354,6 @@ class _State:
         """Return a step of each value for finite differences, (2, P), inside its bounds."""
         step = np.maximum(share * np.abs(self.values), least * self.hypothesis.size)
         return np.where(self.values + step > self.hypothesis.high, -step, step)
-
-    def slope(self, moved: Replay, nudge: np.ndarray, fold: np.ndarray) -> np.ndarray:
-        """Return by how much errors change with a value, (W, N, M), nudge (2,) by fold."""
-        return (moved.error - self.replay.error) / _wide(nudge[fold], moved.error)
 
     def learn(self, step: np.ndarray, change: np.ndarray, fold: np.ndarray) -> None:
         """Let the slopes say how errors changed, (W, N, M), by a step of the values, (2, P)."""

@@ -68,7 +68,7 @@ def make_fitter(
     local, common = compute_unknowns(replayer, coarse, hypothesis, values[fold])
     rows = replayer.times, replayer.used, replayer.noise
     likelihood = Likelihood(*rows, local, common, replayer.settings, basis)
-    return Fitter(replayer, likelihood, fold), local, common
+    return Fitter(replayer, likelihood, fold, coarse), local, common
 
 
 def is_lost(replayer: Replayer, errors: np.ndarray) -> bool:

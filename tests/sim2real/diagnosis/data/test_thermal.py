@@ -48,6 +48,17 @@ def _hold(fixed: Sequence[Fixed] = ()) -> Log:
     return Log(columns)
 
 
+def test_some_windows_of_a_log_tell_about_as_much_heat_as_all_of_them(tmp_path: Path) -> None:
+    """What no window covers heats the motors too: a part of the windows must not look colder."""
+    data = arm.data_of(_hold(), tmp_path)
+    few = np.arange(len(data.windows))[1::3]
+    whole, part = (
+        np.trapezoid(Simulator(own).heat.squares(0)[:, 0], data.logs[0].time)
+        for own in (data, data.only(few))
+    )
+    assert part == pytest.approx(whole, rel=0.25)  # all but the first moment, which is harder
+
+
 @pytest.mark.parametrize(
     ("where", "braking", "value", "weaker"),
     [
