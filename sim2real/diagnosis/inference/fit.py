@@ -131,12 +131,19 @@ class Fitter:
         state = _State(none, np.zeros((FOLDS, 0)), zero, self._train(zero))
         return state.judged(errors, self._score(state, zero))
 
-    def score_capped(self, fit: Fit, most: np.ndarray) -> np.ndarray:
-        """Return the score of a fit, (W,), if the discrepancy is at most so large, (M,) noises."""
+    def score_capped(self, fit: Fit, most: np.ndarray, near: bool = False) -> np.ndarray:
+        """Return the score of a fit, (W,), if the discrepancy is at most so large, (M,) noises.
+
+        Args:
+            fit: what is scored.
+            most: inf: any.
+            near: whether the discrepancy begins as large as it is where it is free.
+        """
         score = np.zeros(len(self.fold))
         for side in range(FOLDS):
             projection = self.likelihood.project(self._seen_from(side, fit.own, fit.held))
-            trained = self.likelihood.train(projection, self.sides[side], most)
+            begin = fit.trained[side] if near else None
+            trained = self.likelihood.train(projection, self.sides[side], most, begin)
             other = self.sides[1 - side]
             predicted = self.likelihood.predict(projection, trained, most)
             score[other] = (predicted - self.likelihood.charge(trained))[other]

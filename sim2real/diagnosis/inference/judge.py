@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.progress import Moving
 from sim2real.diagnosis.data.simulate import Work
 from sim2real.diagnosis.inference.decision import (
+    Left,
     Standing,
     compute_posterior,
     compute_price,
@@ -86,22 +86,6 @@ class Judgement:
     unknown: float
     imitators: tuple[Fit, ...]
     judge: Judge
-
-
-class Left(NamedTuple):
-    """What a discrepancy of any size gains over one of at most an encoder count.
-
-    Contact and sticking make errors jump: the few windows in which it gains most may be left.
-
-    Args:
-        gain: without these windows [nats a reading], with bounds.
-        whole: upper bound with them [nats a reading].
-        closes: share that the fit closes of the errors of the others that exceed noise.
-    """
-
-    gain: Gain
-    whole: float
-    closes: float
 
 
 class Judge:
@@ -196,12 +180,13 @@ class Judge:
         return found or [joint.name for joint in self.data.joints]
 
     def explains(self, fit: Fit) -> bool:
-        """Return whether a free discrepancy gains no more over a fit than the tolerance."""
-        return self.left(fit).gain.high <= self.settings.equivalence_tolerance
+        """Return whether a fit leaves nothing; see `Left`."""
+        return self.left(fit).is_nothing(self.settings)
 
     def is_enough(self, fit: Fit) -> bool:
         """Return whether a fit explains the gap and shortens errors by what that takes."""
-        return self.explains(fit) and self.left(fit).closes >= self.settings.most
+        left = self.left(fit)
+        return left.is_nothing(self.settings) and left.closes >= self.settings.most
 
     def left(self, fit: Fit) -> Left:
         """Return what a fit leaves."""
@@ -214,7 +199,19 @@ class Judge:
         least = np.sqrt(self.replayer.used[lasting].sum() * len(self.most))  # noise alone
         closes = min(float((before - after) / max(before - least, TINY)), 1.0)
         whole = self.bootstrap.gain(windows).high / readings
-        return Left(Gain(*(value / readings for value in gain)), whole, closes)
+        total = Gain(*(value / readings for value in gain))
+        usual = all(map(self.fitter.likelihood.is_usual, fit.trained))
+        return Left(total, self._find_worst(fit, lasting, total), whole, closes, usual)
+
+    def _find_worst(self, fit: Fit, lasting: np.ndarray, total: Gain) -> Gain:
+        """Return what `Left.worst` is in windows (W,) bool that count; `total`: over all joints."""
+        found = [total]
+        for joint in range(len(self.most)) if len(self.most) > 1 else ():
+            most = np.where(np.arange(len(self.most)) == joint, self.most, np.inf)
+            gained = fit.score - self.fitter.score_capped(fit, most, near=True)
+            gain = self.bootstrap.gain(np.where(lasting, gained, 0.0))
+            found.append(Gain(*(value / self.rows for value in gain)))
+        return max(found, key=lambda gain: gain.high)
 
     def left_in_windows(self, fit: Fit) -> np.ndarray:
         """Return what a free discrepancy gains in each window [nats], (W,)."""
@@ -347,11 +344,10 @@ class Judge:
         left = self.left(best)
         standing = Standing(
             len(members),
-            left.gain,
+            left,
             [self.bootstrap.gain(best.score - other.score) for other in over],
             bool(inside[:, best.hypothesis.smooth].all()),
             follows_episodes(self.data, best, *self._rest),
-            left.closes,
             alone
             and not share_joint(best.hypothesis, len(self.data.joints))
             and stands_alone(self.fitter, self.bootstrap, best, list(tried.values())),

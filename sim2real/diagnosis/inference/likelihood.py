@@ -35,6 +35,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import gammaincc
+from scipy.stats import chi2
 
 from sim2real.diagnosis.inference.products import (
     HALF,
@@ -207,6 +208,11 @@ class Likelihood:
         """
         share = FOLDS * self.used.sum(axis=1) / self.used.sum()
         return HALF * share * (trained.mean @ trained.mean)
+
+    def is_usual(self, trained: Trained) -> bool:
+        """Return whether common errors are as small as their prior lets expect (chi-square)."""
+        squares = float(trained.mean @ trained.mean) / self._evidence
+        return bool(squares <= chi2.isf(self.settings.level, max(len(trained.mean), 1)))
 
     def curvature(
         self,

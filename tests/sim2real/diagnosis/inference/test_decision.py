@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sim2real.diagnosis.inference.decision import (
+    Left,
     Standing,
     compute_posterior,
     compute_price,
@@ -16,7 +17,8 @@ from sim2real.diagnosis.settings.inference import Inference
 
 SETTINGS = Inference()
 TOLERANCE = SETTINGS.equivalence_tolerance
-NOTHING = Gain(0.0, -0.01, 0.01)
+NONE = Gain(0.0, -0.01, 0.01)
+NOTHING = Left(NONE, NONE)
 SURE, UNSURE = Gain(500.0, 300.0, 700.0), Gain(500.0, -20.0, 900.0)
 
 
@@ -24,7 +26,8 @@ def test_nothing_left_of_the_model_as_given_is_no_gap() -> None:
     """And a log that is too weak to tell is not."""
     assert decide_verdict(Standing(0, NOTHING), SETTINGS) == "no_gap"
     weak = Gain(0.0, -2 * TOLERANCE, 2 * TOLERANCE)  # not significant: that proves nothing
-    assert decide_verdict(Standing(0, weak), SETTINGS) == "unexplained"
+    for left in (NOTHING._replace(worst=weak), NOTHING._replace(usual=False)):
+        assert decide_verdict(Standing(0, left), SETTINGS) == "unexplained"
 
 
 def test_explained_asks_for_equivalence_nulls_bounds_and_replays() -> None:
@@ -32,10 +35,11 @@ def test_explained_asks_for_equivalence_nulls_bounds_and_replays() -> None:
     full = Standing(1, NOTHING, [SURE, SURE])
     assert decide_verdict(full, SETTINGS) == "explained"
     for change in (
-        {"left": Gain(0.1, 0.0, 1.01 * TOLERANCE)},
+        {"left": NOTHING._replace(worst=Gain(0.1, 0.0, 1.01 * TOLERANCE))},
+        {"left": NOTHING._replace(closes=0.49)},
+        {"left": NOTHING._replace(usual=False)},
         {"inside": False},
         {"replays": False},
-        {"closes": 0.49},
         {"alone": False},
     ):
         assert decide_verdict(full._replace(**change), SETTINGS) == "partly_explained"
@@ -44,9 +48,11 @@ def test_explained_asks_for_equivalence_nulls_bounds_and_replays() -> None:
 
 def test_a_part_is_explained_only_if_the_simulation_comes_nearer() -> None:
     """What shaves a quiet joint while the error grows explains nothing."""
-    part = Standing(2, Gain(1.0, 0.8, 1.2), [SURE])
+    left = NOTHING._replace(worst=Gain(1.0, 0.8, 1.2))
+    part = Standing(2, left, [SURE])
     assert decide_verdict(part, SETTINGS) == "partly_explained"
-    assert decide_verdict(part._replace(closes=-0.1), SETTINGS) == "unexplained"
+    worse = part._replace(left=left._replace(closes=-0.1))
+    assert decide_verdict(worse, SETTINGS) == "unexplained"
 
 
 def test_the_posterior_knows_of_laws_that_are_not_in_the_vocabulary() -> None:

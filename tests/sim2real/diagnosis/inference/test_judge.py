@@ -58,6 +58,21 @@ def test_moments_that_may_be_left_count_nowhere(tmp_path: Path, monkeypatch) -> 
     assert left.whole > 1.0
 
 
+def test_sound_joints_do_not_hide_one_that_is_not(tmp_path: Path, monkeypatch) -> None:
+    """What is left is asked of every joint: the mean over all of them would pass."""
+    judge = Judge(arm.data_of(arm.make_log(seconds=60.0, noise=NOISE), tmp_path))
+    tolerance = judge.settings.equivalence_tolerance
+    share = 1.5 * tolerance * judge.rows / len(judge.fold)  # nats a window, all of them at b
+
+    def score_capped(fit: Fit, most: np.ndarray, near: bool = False) -> np.ndarray:
+        return fit.score - (share if np.isfinite(most[1]) else 0.0)
+
+    monkeypatch.setattr(judge.fitter, "score_capped", score_capped)
+    left = judge.left(judge.given)
+    assert left.gain.high < tolerance < left.worst.high
+    assert not judge.explains(judge.given)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("hidden", [(), (FRICTION,)])
 def test_a_late_row_is_named_with_and_without_an_effect_beside(
@@ -108,6 +123,18 @@ def test_a_motor_that_is_off_by_two_per_cent_is_no_gap(name: str, tmp_path: Path
     """No motor is known better, be it by its voltage or, with its braking, by its constant."""
     judgement = judged(arm.make_log((name, {}, 0.98), noise=NOISE), tmp_path)
     assert judgement.verdict == "no_gap"
+
+
+def test_a_gain_that_is_off_by_more_than_usual_is_a_gap_without_a_name_too(
+    tmp_path: Path,
+) -> None:
+    """That errors of parameters explain it is no excuse where they are larger than usual."""
+    hidden = ("position_gain", {"where": "b"}, 0.85)
+    data = arm.data_of(arm.make_log(hidden, noise=NOISE), tmp_path)
+    judgement = Judge(data).judge(Vocabulary(data, only=["coulomb_friction.a"]))
+    left = judgement.judge.left(judgement.given)
+    assert left.worst.high < data.settings.inference.equivalence_tolerance
+    assert judgement.verdict == "unexplained"
 
 
 def test_a_clock_that_speeds_contradict_comes_before_what_imitates_it(tmp_path: Path) -> None:

@@ -173,3 +173,13 @@ def test_usual_errors_pay_by_their_prior_what_the_evidence_weighs() -> None:
     assert evidence > 1
     assert charge.sum() / 2 == pytest.approx(evidence * 12.0**2 / 2, rel=0.01)
     assert np.ptp(charge) == 0.0  # windows of as many rows pay alike
+
+
+@pytest.mark.parametrize(("deviations", "usual"), [(2.4, True), (2.5, False)])
+def test_common_errors_are_usual_within_their_prior(deviations: float, usual: bool) -> None:
+    """Of two directions all but 5 % lie within sqrt(-2 ln 0.05) = 2.45 standard deviations."""
+    likelihood = Small().likelihood
+    trained = likelihood.train(likelihood.project(Small().errors), np.arange(W))
+    evidence = max(SETTINGS.temperature * likelihood.used.sum() / 2, 1.0)
+    mean = deviations * np.sqrt(evidence) * np.array([0.6, 0.8])
+    assert likelihood.is_usual(trained._replace(mean=mean)) is usual
