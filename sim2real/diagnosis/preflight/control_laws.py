@@ -136,7 +136,8 @@ def _duty_gain(log: Log, actuator: str, joint: str, limits: Preflight) -> float 
     y, q = duty[free], log.column(f"qpos.{joint}")[free]
     if len(y) < limits.rows_min:
         return None
-    lags = np.arange(0.0, limits.reach_s, float(np.median(np.diff(log.time))))
+    step = float(np.median(np.diff(log.time)))
+    lags = np.arange(step / 2, limits.reach_s, step)  # between rows, which are not quite regular
     fits = [_fit([_held(log, actuator, lag)[free], q], y) for lag in lags]
     (command, position, _), rest = min(fits, key=lambda fit: np.sum(fit[1] ** 2))
     most = limits.law_residual * np.sum((y - y.mean()) ** 2)

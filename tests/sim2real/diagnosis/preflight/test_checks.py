@@ -153,6 +153,17 @@ def test_the_duty_law_gives_the_gain() -> None:
     assert ("control_law", "a") not in named(soft), "its limit is one of current, not of duty"
 
 
+def test_a_duty_of_uneven_rows_whose_command_is_late_gives_the_gain() -> None:
+    """Were some rows given the command before it, or after it, the gain would seem lower."""
+    log = make_log()
+    uneven = log.time + np.random.default_rng(0).uniform(-2e-3, 2e-3, len(log))
+    rows = np.arange(len(log))
+    heard, follows = (log.column("ctrl.a")[np.maximum(rows - late, 0)] for late in (2, 3))
+    duty = {"qpos.shoulder": follows, "sensor.duty_a": 4 * (heard - follows) / 2}
+    late = Log({**log.columns, "time": uneven, **duty})
+    assert ("control_law", "a") not in named(late)
+
+
 def test_a_still_joint_and_one_that_never_turns_back_are_named() -> None:
     """Excitation is judged joint by joint."""
     log = make_log()
