@@ -314,7 +314,7 @@ class DeadZone(ActuatorEffect):
     )
     experiment = "very slow ramps without load, at two gains"
     limits = (0.0, np.inf)
-    first_values = tuple(itertools.product((0.004, 0.012, 0.035), (1.0, 0.0)))
+    first_values = tuple(itertools.product((0.004, 0.012, 0.035, 0.1), (1.0, 0.0)))
     group = RULES
     law = _DeadZone
 

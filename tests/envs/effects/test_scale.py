@@ -3,7 +3,7 @@
 import mujoco
 import pytest
 
-from envs.effects import RobotScale, make
+from envs.effects import EFFECTS, RobotScale, make
 
 BODY = """<mujoco><worldbody><body><joint name="hinge" axis="0 1 0"/>
     <geom type="sphere" size="0.02" pos="0 0 -0.3" mass="0.5"/></body></worldbody>
@@ -69,3 +69,14 @@ def test_without_a_place_a_size_is_that_of_all_joints() -> None:
     assert (found.speeds_at(None), found.speeds_at("b")) == ((2.0, 5.0), (2.0, 3.0))
     assert (found.heat_at(None), found.heat_at("a")) == (9.0, 4.0)
     assert (found.reached_at(None), found.reached_at("b")) == (3.0, 2.0)
+
+
+@pytest.mark.parametrize("name", ["dead_zone", "backlash"])
+def test_what_acts_beyond_a_threshold_only_is_probed_up_to_its_largest_size(name: str) -> None:
+    """No straight line through a small one tells of a large one."""
+    servo = scale('<position name="servo" joint="hinge" kp="8"/>', 0.4)
+    where = "servo" if name == "dead_zone" else "hinge"
+    sizes = EFFECTS[name].sizes
+    assert sizes is not None
+    probes = make(name, where=where).probes(servo)
+    assert probes.reshape(len(probes), -1)[:, 0].max() > sizes.high / 2
