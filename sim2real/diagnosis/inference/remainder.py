@@ -61,8 +61,14 @@ def find_stretch(judgement: Judgement, left: np.ndarray) -> Stretch | None:
 
 
 def describe_remainder(judgement: Judgement) -> str:
-    """Return what is left in words: joint, time where it is not everywhere, excluded effects."""
+    """Return what is left in words: joint, time where it is not everywhere, what would explain it.
+
+    That is an excluded effect, or parameters of the model that are off by more than usual.
+    """
     text = _describe_errors(judgement)
+    left, settings = judgement.judge.left(judgement.best), judgement.judge.settings
+    if left._replace(usual=True).is_nothing(settings) and not left.usual:
+        text += "; parameters of the model that are off by more than usual would explain it"
     if judgement.imitators:
         best = max(judgement.imitators, key=lambda fit: fit.total)
         text += f"; with an effect that was excluded, {best.label} predicts as well"

@@ -135,6 +135,7 @@ def test_a_gain_that_is_off_by_more_than_usual_is_a_gap_without_a_name_too(
     left = judgement.judge.left(judgement.given)
     assert left.worst.high < data.settings.inference.equivalence_tolerance
     assert judgement.verdict == "unexplained"
+    assert "off by more than usual would explain it" in describe_remainder(judgement)
 
 
 def test_a_clock_that_speeds_contradict_comes_before_what_imitates_it(tmp_path: Path) -> None:
