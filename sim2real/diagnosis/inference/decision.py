@@ -28,7 +28,7 @@ class Left(NamedTuple):
 
     Args:
         gain: without these windows [nats a reading], with bounds.
-        worst: the same of a joint alone, of its own readings, where that is more.
+        worst: the same of a joint alone, of its own readings, where all pass and that is more.
         whole: upper bound with them [nats a reading].
         closes: share that the fit closes of the errors of the others that exceed noise.
         usual: whether the errors of the model's parameters that it takes are as small as usual.

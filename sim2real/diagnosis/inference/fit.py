@@ -38,7 +38,7 @@ class Start(NamedTuple):
     points: np.ndarray  # (K, P), or (K, 2, P) where the folds start from values of their own
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fit:
     """A hypothesis with its values, and how well they predict.
 

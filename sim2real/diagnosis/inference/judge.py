@@ -190,6 +190,11 @@ class Judge:
 
     def left(self, fit: Fit) -> Left:
         """Return what a fit leaves."""
+        if fit not in self._lefts:
+            self._lefts[fit] = self._measure_left(fit)
+        return self._lefts[fit]
+
+    def _measure_left(self, fit: Fit) -> Left:
         windows, readings = self.left_in_windows(fit), self.rows * len(self.most)
         few = int(self.settings.moments * len(windows))
         lasting = np.argsort(np.argsort(-windows)) >= few
@@ -204,10 +209,11 @@ class Judge:
         return Left(total, self._find_worst(fit, lasting, total), whole, closes, usual)
 
     def _find_worst(self, fit: Fit, lasting: np.ndarray, total: Gain) -> Gain:
-        """Return what `Left.worst` is in windows (W,) bool that count; `total`: over all joints."""
-        found = [total]
-        for joint in range(len(self.most)) if len(self.most) > 1 else ():
-            most = np.where(np.arange(len(self.most)) == joint, self.most, np.inf)
+        """Return `Left.worst` in windows (W,) bool; joints are asked if all pass (`total`)."""
+        found, joints = [total], len(self.most)
+        passes = total.high <= self.settings.equivalence_tolerance
+        for joint in range(joints) if passes and joints > 1 else ():
+            most = np.where(np.arange(joints) == joint, self.most, np.inf)
             gained = fit.score - self.fitter.score_capped(fit, most, near=True)
             gain = self.bootstrap.gain(np.where(lasting, gained, 0.0))
             found.append(Gain(*(value / self.rows for value in gain)))
@@ -246,6 +252,7 @@ class Judge:
         """
         self.fitter, *unknown = self._make(hypothesis, values)
         self.basis = self.fitter.likelihood.basis
+        self._lefts: dict[Fit, Left] = {}  # of what was asked, in this likelihood
         (self.given,) = self.fitter.fit([Start(NONE, np.zeros((1, 0)))])
         paths = (self.replayer.holding(), self.replayer.coasting())
         self.nulls = {n: self.fitter.of_path(e) for n, e in zip(NULLS, paths, strict=True)}
@@ -300,12 +307,9 @@ class Judge:
             del self.search  # its likelihoods are large, and another one follows
             self.moving(f"fitting {best.label} and its rivals once more", SHARES[-1])
             best, tried = self._refit(best, tried)
-        imitators = [
-            self._judge_apart(fit, best) for fit in self.fitter.fit(map(restart, imitators))
-        ]
-        imitators = [
-            one for one in imitators if not is_told_apart(self.fitter, self.bootstrap, best, one)
-        ]
+        fits = [self._judge_apart(fit, best) for fit in self.fitter.fit(map(restart, imitators))]
+        known = self.fitter, self.bootstrap, best
+        imitators = [fit for fit in fits if not is_told_apart(*known, fit)]
         verdict, pushes = self._decide(best, tried, not imitators), ()
         if verdict != "explained" and self.explains(self.given):
             best, verdict = self.given, "no_gap"  # what explains a part of no gap is no cause
