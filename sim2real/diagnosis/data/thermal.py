@@ -27,6 +27,7 @@ from envs.replay import Schedule
 from envs.replay.impedance import impedances
 from envs.replay.recording import ROUNDING
 from sim2real.diagnosis.data.dataset import Data, Window
+from sim2real.diagnosis.data.recording import powered
 from sim2real.diagnosis.settings import TINY_SQUARE
 
 HEAT_STEP = 0.05  # s: time step of the integral, far below the minutes in which motors heat
@@ -177,7 +178,7 @@ class Heat:
     def _both(self, number: int, strengths: np.ndarray) -> np.ndarray:
         """Return the same of windows' motors of some strengths (W, nu), (2, T, nu).
 
-        Rows that no window covers are taken to be as hard as the others are on average.
+        In rows that no window covers a motor that is on works as hard as in the others on average.
         """
         log, windows = self._data.logs[number], self._windows(number)
         found = np.full((2, len(log), strengths.shape[1]), np.nan)
@@ -190,8 +191,10 @@ class Heat:
                 square = np.where(known, torque, 0.0) ** 2  # (K, nu)
                 ticks = log.time[window.start] + np.arange(len(square)) * model.opt.timestep
                 found[int(not damped), rows] = _means(square, ticks, log.time[rows])
-        covered = np.isfinite(found[0]).all(axis=1)
-        return np.where(covered[:, None], found, found[:, covered].mean(axis=1, keepdims=True))
+        covered, nominal = np.isfinite(found[0]).all(axis=1), self._data.models[windows[0].model]
+        on = np.stack([powered(log, nominal.actuator(i).name) for i in range(nominal.nu)], axis=1)
+        usual = found[:, covered].sum(axis=1) / np.maximum(on[covered].sum(axis=0), 1)  # (2, nu)
+        return np.where(covered[:, None], found, usual[:, None] * on)
 
 
 def _spared(both: np.ndarray, points: np.ndarray) -> np.ndarray:

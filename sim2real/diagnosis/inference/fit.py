@@ -132,23 +132,23 @@ class Fitter:
         state = _State(none, np.zeros((FOLDS, 0)), zero, self._train(zero))
         return state.judged(errors, self._score(state, zero))
 
-    def score_capped(self, fit: Fit, most: np.ndarray, near: bool = False) -> np.ndarray:
-        """Return the score of a fit, (W,), if the discrepancy is at most so large, (M,) noises.
+    def score_capped(self, fit: Fit, caps: Sequence[np.ndarray], near: bool = False) -> np.ndarray:
+        """Return the scores of a fit, (K, W) nats, whose discrepancy is at most so large.
 
         Args:
             fit: what is scored.
-            most: inf: any.
+            caps: the largest sizes in noises, (M,) each; inf: any.
             near: whether the discrepancy begins as large as it is where it is free.
         """
-        score = np.zeros(len(self.fold))
-        for side in range(FOLDS):
+        scores = np.zeros((len(caps), len(self.fold)))
+        for side, own in enumerate(self.sides):
             projection = self.likelihood.project(self._seen_from(side, fit.own, fit.held))
-            begin = fit.trained[side] if near else None
-            trained = self.likelihood.train(projection, self.sides[side], most, begin)
-            other = self.sides[1 - side]
-            predicted = self.likelihood.predict(projection, trained, most)
-            score[other] = (predicted - self.likelihood.charge(trained))[other]
-        return score
+            begin, other = fit.trained[side] if near else None, self.sides[1 - side]
+            for score, most in zip(scores, caps, strict=True):
+                trained = self.likelihood.train(projection, own, most, begin)
+                predicted = self.likelihood.predict(projection, trained, most)
+                score[other] = (predicted - self.likelihood.charge(trained))[other]
+        return scores
 
     def _begin(self, starts: Iterable[Start]) -> list[_State]:
         """Return each start at the best of its points."""
@@ -231,12 +231,10 @@ class Fitter:
             for state, nudge in zip(states, nudges, strict=True)
             for place in state.places
         ]
+        moved = iter(self._replay(jobs, self._quick))
         bases = [state.replay for state in states]
         if self._quick is not None:
-            at = [(state.hypothesis, state.values) for state in states]
-            bases, jobs = [], [*at, *jobs]
-        moved = iter(self._replay(jobs, self._quick))
-        bases = bases or [next(moved) for _ in states]
+            bases = self._replay([(one.hypothesis, one.values) for one in states], self._quick)
         for state, base, nudge in zip(states, bases, nudges, strict=True):
             slopes = [
                 (next(moved).error - base.error) / _wide(nudge[self.fold, place], base.error)

@@ -210,18 +210,17 @@ class Judge:
 
     def _find_worst(self, fit: Fit, lasting: np.ndarray, total: Gain) -> Gain:
         """Return `Left.worst` in windows (W,) bool; joints are asked if all pass (`total`)."""
-        found, joints = [total], len(self.most)
-        passes = total.high <= self.settings.equivalence_tolerance
-        for joint in range(joints) if passes and joints > 1 else ():
-            most = np.where(np.arange(joints) == joint, self.most, np.inf)
-            gained = fit.score - self.fitter.score_capped(fit, most, near=True)
-            gain = self.bootstrap.gain(np.where(lasting, gained, 0.0))
-            found.append(Gain(*(value / self.rows for value in gain)))
+        found = [total]
+        if total.high <= self.settings.equivalence_tolerance:
+            caps = np.where(np.eye(len(self.most)) > 0, self.most, np.inf)
+            for score in self.fitter.score_capped(fit, list(caps), near=True):
+                gain = self.bootstrap.gain(np.where(lasting, fit.score - score, 0.0))
+                found.append(Gain(*(value / self.rows for value in gain)))
         return max(found, key=lambda gain: gain.high)
 
     def left_in_windows(self, fit: Fit) -> np.ndarray:
         """Return what a free discrepancy gains in each window [nats], (W,)."""
-        return fit.score - self.fitter.score_capped(fit, self.most)
+        return fit.score - self.fitter.score_capped(fit, [self.most])[0]
 
     def excess(self, fit: Fit) -> np.ndarray:
         """Return by how much squared errors exceed what noise and counts make, (W, N, M)."""

@@ -210,7 +210,14 @@ class Likelihood:
         return HALF * share * (trained.mean @ trained.mean)
 
     def is_usual(self, trained: Trained) -> bool:
-        """Return whether common errors are as small as their prior lets expect (chi-square)."""
+        """Return whether common errors are as small as their prior lets expect.
+
+        Of U independent ones with that prior the squares sum up to more than the quantile of a
+        chi-square distribution of U degrees of freedom with probability `level`.
+
+        Args:
+            trained: on the windows of a fold.
+        """
         squares = float(trained.mean @ trained.mean) / self._evidence
         return bool(squares <= chi2.isf(self.settings.level, max(len(trained.mean), 1)))
 

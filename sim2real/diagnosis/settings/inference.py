@@ -121,12 +121,17 @@ class Inference:
         "convention: Kuensch 1989",
     )
     draws: int = setting(2000, "1", "number of bootstrap draws", COST)
-    level: float = setting(0.05, "1", "error probability of one-sided bounds", "convention: 95 %")
+    level: float = setting(
+        0.05,
+        "1",
+        "error probability of one-sided bounds, and of the test for usual errors of parameters",
+        "convention: 95 %",
+    )
     equivalence_tolerance: float = setting(
         0.15,
         "1",
         "largest gain, in nats per reading, of a free discrepancy over a discrepancy of at most "
-        "one encoder count, if the gap is explained",
+        "one encoder count, overall and at every joint, if the gap is explained",
         JUDGED,
     )
     most: float = setting(

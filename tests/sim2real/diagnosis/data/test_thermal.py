@@ -59,6 +59,16 @@ def test_some_windows_of_a_log_tell_about_as_much_heat_as_all_of_them(tmp_path: 
     assert part == pytest.approx(whole, rel=0.25)  # all but the first moment, which is harder
 
 
+def test_a_motor_that_is_off_where_no_window_is_stays_cold(tmp_path: Path) -> None:
+    """What was not simulated heats a motor only while its torque is on."""
+    log = _hold()
+    off = Log({**log.columns, "torque.a": (log.time < 6.0).astype(float)})
+    data = arm.data_of(off, tmp_path)
+    early = [i for i, window in enumerate(data.windows) if window.last * 0.02 < 5.0]
+    squares = Simulator(data.only(np.array(early))).heat.squares(0)[:, 0]
+    assert squares[log.time > 6.0].max() == 0.0 < squares[log.time < 6.0].min()
+
+
 @pytest.mark.parametrize(
     ("where", "braking", "value", "weaker"),
     [

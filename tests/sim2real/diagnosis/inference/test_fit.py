@@ -60,6 +60,19 @@ def test_two_values_are_found_together(case: Case) -> None:
     assert fit.total > given.total + 1000
 
 
+def test_slopes_in_longer_steps_lead_to_the_same_values(case: Case) -> None:
+    """They say where to go; what decides is replayed in the model's own steps."""
+    coarse = case.replayer.coarsen(case.replayer.every)
+    steps = [one.data.models[0].opt.timestep for one in (case.replayer, coarse)]
+    assert steps[1] > steps[0]
+    other = Fitter(case.replayer, case.fitter.likelihood, case.fitter.fold, coarse)
+    members = case.options["coulomb_friction.b"], case.options["command_delay"]
+    start = Start(Hypothesis(members), np.array([[0.05, 0.02]]))
+    one, two = (fitter.fit([start])[0] for fitter in (case.fitter, other))
+    np.testing.assert_allclose(two.values, one.values, rtol=0.01)
+    assert two.density.sum() == pytest.approx(one.density.sum(), abs=1.0)  # nats
+
+
 def test_whole_numbers_go_on_while_that_is_better(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Commands are logged four rows late; the fit begins at two."""
     log, rows = arm.make_log(seconds=8.0, noise=NOISE), 4

@@ -64,8 +64,8 @@ def test_sound_joints_do_not_hide_one_that_is_not(tmp_path: Path, monkeypatch) -
     tolerance = judge.settings.equivalence_tolerance
     share = 1.5 * tolerance * judge.rows / len(judge.fold)  # nats a window, all of them at b
 
-    def score_capped(fit: Fit, most: np.ndarray, near: bool = False) -> np.ndarray:
-        return fit.score - (share if np.isfinite(most[1]) else 0.0)
+    def score_capped(fit: Fit, caps: Sequence[np.ndarray], near: bool = False) -> np.ndarray:
+        return np.stack([fit.score - (share if np.isfinite(most[1]) else 0.0) for most in caps])
 
     monkeypatch.setattr(judge.fitter, "score_capped", score_capped)
     left = judge.left(judge.given)
