@@ -185,8 +185,7 @@ class Judge:
 
     def is_enough(self, fit: Fit) -> bool:
         """Return whether a fit explains the gap and shortens errors by what that takes."""
-        left = self.left(fit)
-        return left.is_nothing(self.settings) and left.closes >= self.settings.most
+        return self.explains(fit) and self.left(fit).closes >= self.settings.most
 
     def left(self, fit: Fit) -> Left:
         """Return what a fit leaves."""
