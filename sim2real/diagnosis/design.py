@@ -43,7 +43,7 @@ def design(
         Sim2RealError: see `next_experiment`.
     """
     model: mujoco.MjModel = spec.copy().compile()
-    pieces = choose(logs, settings.simulation.piece_s, settings.simulation.pieces)
+    pieces = choose(logs, settings.simulation.piece_s)
     return next_experiment(
         found.equivalents,
         spec,

@@ -18,6 +18,7 @@ from scipy.signal import periodogram
 
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.recording import episode_rows
 from sim2real.diagnosis.data.regimes import regimes
 from sim2real.diagnosis.data.replay import Gap
 from sim2real.diagnosis.evidence import Band
@@ -46,16 +47,15 @@ def locate(
         scale: what a joint's error is divided by, where rad and m have to meet, (M,).
         settings: those of `locating`, `regimes`, `dataset` and `bootstrap` are used.
     """
-    logs, error = [gap.log for gap in gaps], _error(gaps)
+    error = _error(gaps)
     before, left = (np.mean(_error(some or gaps) ** 2, axis=0) for some in (gaps, after))  # (M,)
     power = np.maximum(before - floors**2, 0.0) / scale**2
     shares = power / max(float(power.sum()), TINY_SQUARE)
     found = []
     for i, joint in enumerate(gaps[0].joints):
-        named = _regimes(logs, models, joint, error[:, i], rng, settings)
+        named = _regimes([gap.log for gap in gaps], models, joint, error[:, i], rng, settings)
         rest = float(np.sqrt(left[i])) if after else None
-        sizes = float(shares[i]), float(np.sqrt(before[i])), rest
-        found.append(JointGap(joint, *sizes, named))
+        found.append(JointGap(joint, float(shares[i]), float(np.sqrt(before[i])), rest, named))
     return tuple(sorted(found, key=lambda gap: -gap.share))
 
 
@@ -90,13 +90,11 @@ def as_gaps(data: Data, error: np.ndarray) -> list[Gap]:
     """Return each log's compared rows with what was simulated, from held-out errors (W, T, M)."""
     found, names = [], tuple(joint.name for joint in data.joints)
     for number, log in enumerate(data.logs):
-        own = [(i, w) for i, w in enumerate(data.windows) if w.log == number]
-        rows = np.concatenate([w.first + np.flatnonzero(w.usable) for _, w in own])
-        measured = np.concatenate([w.measured[w.usable] for _, w in own])
-        off = [error[i, : len(w.usable)][w.usable] for i, w in own]
-        part = replace(log, columns={n: v[rows] for n, v in log.columns.items()})
-        simulated = measured + np.concatenate(off) * data.scale
-        found.append(Gap(part, names, measured, simulated))
+        own = np.array([window.log == number for window in data.windows])
+        parts = [w.first + np.flatnonzero(w.usable) for w in data.windows if w.log == number]
+        part = replace(log, columns={n: v[np.concatenate(parts)] for n, v in log.columns.items()})
+        measured, off = (values[own][data.mask[own]] for values in (data.measured, error))
+        found.append(Gap(part, names, measured, measured + off * data.scale))
     return found
 
 
@@ -123,9 +121,8 @@ def _regimes(
         own = slice(start, start := start + len(log))
         for group, name, rows in _kinds(log, model, joint, settings):
             kinds.setdefault((group, name), np.zeros(len(error), bool))[own] = rows
-        fresh = np.diff(log.episode, prepend=log.episode[0]) != 0
-        fresh |= np.diff(np.floor(log.time / settings.bootstrap.block_s), prepend=0) != 0
-        block[own] = count + np.cumsum(fresh)
+        pieces = np.column_stack([log.episode, log.time // settings.bootstrap.block_s])
+        block[own] = count + np.unique(pieces, axis=0, return_inverse=True)[1]
         count = int(block[start - 1]) + 1
     square, draws, limits = error**2, settings.bootstrap.draws, settings.locating
     weights = rng.multinomial(count, np.full(count, 1 / count), draws)  # (D, blocks)
@@ -138,8 +135,7 @@ def _regimes(
         largest = group not in best or share > best[group][1].share
         if low > limits.lift * time and share > limits.share_min and largest:
             best[group] = (share - time, Regime(name, share))
-    chosen = sorted(best.values(), key=lambda one: -one[0])
-    return tuple(regime for _, regime in chosen[: limits.named_max])
+    return tuple(regime for _, regime in sorted(best.values(), key=lambda one: -one[0]))
 
 
 def _kinds(
@@ -158,15 +154,13 @@ def _spectrum(gaps: Sequence[Gap], edges: Sequence[float]) -> tuple[np.ndarray, 
     """Mean squared error in each band, (bands, M), and the highest frequency that rows show."""
     power, rows, nyquist = np.zeros((len(edges) - 1, len(gaps[0].joints))), 0, float(edges[-1])
     for gap in gaps:
-        for number in np.unique(gap.log.episode):
-            own = gap.log.episode == number
+        for own in episode_rows(gap.log):
             time, error = gap.log.time[own], gap.simulated[own] - gap.measured[own]
             dt = float(np.median(np.diff(time)))
             clock = np.arange(time[0], time[-1] + dt / 2, dt)
-            for column, values in enumerate(error.T):
-                evenly = np.interp(clock, time, values)
-                rates, line = periodogram(evenly, 1 / dt, detrend=False, scaling="spectrum")  # type: ignore[arg-type]
-                bins = np.clip(np.searchsorted(edges, rates, side="right") - 1, 0, len(power) - 1)
-                power[:, column] += len(clock) * np.bincount(bins, line, len(power))
+            evenly = np.column_stack([np.interp(clock, time, values) for values in error.T])
+            rates, lines = periodogram(evenly, 1 / dt, detrend=False, scaling="spectrum", axis=0)  # type: ignore[arg-type]
+            band = np.digitize(rates, edges[1:-1])
+            power += [len(clock) * lines[band == k].sum(axis=0) for k in range(len(power))]
             rows, nyquist = rows + len(clock), min(nyquist, 1 / (2 * dt))
     return power / max(rows, 1), nyquist

@@ -10,6 +10,7 @@ changes with them is partly numerics, and so is an effect whose gain vanishes on
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -18,7 +19,7 @@ from envs.effects import merge_effects
 from envs.effects.friction import STIFF_SOLIMP
 from envs.plant import Fixed
 from hardware.log import Log
-from sim2real.diagnosis.data.pairs import scalars
+from sim2real.diagnosis.data.pairs import SCALAR, scalars
 from sim2real.diagnosis.data.recording import shorten
 from sim2real.diagnosis.data.trial import Piece, choose, trial
 from sim2real.diagnosis.settings import DEFAULT, Numerics, Settings
@@ -41,7 +42,7 @@ def null_test(
         fixed: effects that are in the model already.
         settings: which results of the changes count.
     """
-    pieces = choose(logs, settings.simulation.piece_s, settings.simulation.pieces)
+    pieces = choose(logs, settings.simulation.piece_s)
     given, words = _replayed(pieces, specs, fixed), {}
     gap = _distance(pieces, given, settings)
     for name, (_, what) in VARIANTS.items():
@@ -72,7 +73,7 @@ def is_numerics(
     fixed: Sequence[Fixed] = (),
     settings: Settings = DEFAULT,
 ) -> str | None:
-    """Say whether what an effect gains vanishes in models with better numerics.
+    """Say whether most of what an effect gains vanishes in models with better numerics.
 
     Args:
         logs: the logs.
@@ -89,7 +90,7 @@ def is_numerics(
     needed = [name for name, word in words.items() if word != "ok"]
     if not needed:
         return None
-    pieces = choose(logs, settings.simulation.piece_s, settings.simulation.pieces)
+    pieces = choose(logs, settings.simulation.piece_s)
     given, mended = (
         [
             _distance(pieces, _replayed(pieces, models, effects), settings)
@@ -98,7 +99,7 @@ def is_numerics(
         for models in (specs, [better(spec, needed) for spec in specs])
     )
     gain, left = given[0] - given[1], mended[0] - mended[1]
-    if gain <= 0 or left >= settings.numerics.gain_left * gain or mended[0] > given[0]:
+    if gain <= 0 or left >= settings.inference.most * gain or mended[0] > given[0]:
         return None
     changes = " and ".join(VARIANTS[name][1] for name in needed)
     return (
@@ -165,12 +166,7 @@ def _applies(name: str, spec: mujoco.MjSpec) -> bool:
 
 
 def _scalars(spec: mujoco.MjSpec) -> list[mujoco.MjsJoint]:
-    kinds = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
-    return [joint for joint in spec.joints if joint.type in kinds]
-
-
-def _half_step(spec: mujoco.MjSpec) -> None:
-    shorten(spec, 2)
+    return [joint for joint in spec.joints if joint.type in SCALAR]
 
 
 def _tight(spec: mujoco.MjSpec) -> None:
@@ -192,7 +188,7 @@ def _inertia(spec: mujoco.MjSpec) -> None:
 
 
 VARIANTS: dict[str, tuple[Callable[[mujoco.MjSpec], None], str]] = {
-    "timestep": (_half_step, "half the timestep"),
+    "timestep": (partial(shorten, times=2), "half the timestep"),
     "solver": (_tight, "a tighter solver"),
     "friction": (_stiff, 'solimpfriction="0.9999 0.9999 0.001"'),
     "armature": (_inertia, f"an armature of {ARMATURE:g} kg m^2 on joints without any"),

@@ -59,9 +59,10 @@ def prepare(
     Raises:
         Sim2RealError: logs of a kind that the model lacks, joints that never moved.
     """
+    driven = {}
     for log in logs:
         refuse_clock(log, settings)
-    driven = _driven(logs, model)
+        driven |= positioned(log, load_model(log, model))
     logs, held = mark_blocked(logs, driven, settings)
     logs, hunts = mark_hunting(logs, driven, settings)
     estimates = estimate_all(logs, model, settings.ground)
@@ -83,8 +84,3 @@ def prepare(
     ]
     restart = partial(grounded, given, estimates) if estimates else None
     return PreparedLogs(logs, data, specs, driven, findings, restart)
-
-
-def _driven(logs: Sequence[Log], model: str | Path | None) -> dict[str, str]:
-    """Return the joint that each actuator drives by desired positions, of all models."""
-    return {k: v for log in logs for k, v in positioned(log, load_model(log, model)).items()}

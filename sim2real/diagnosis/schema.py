@@ -280,9 +280,8 @@ class Report:
         Raises:
             Sim2RealError: the schema is not supported, or a key is missing or unknown.
         """
-        if tree.get("schema") not in READ:
-            known, found = f"{', '.join(map(str, READ[:-1]))} or {SCHEMA}", tree.get("schema")
-            raise Sim2RealError(f"expected a report of schema {known}, got {found!r}")
+        if (found := tree.get("schema")) not in READ:
+            raise Sim2RealError(f"expected a report of schema 1, 2 or 3, got {found!r}")
         return _read(Report, {key: value for key, value in tree.items() if key != "schema"})
 
     def write(self, path: str | Path) -> Path:
@@ -292,21 +291,20 @@ class Report:
 
     def save_html(self, path: str | Path) -> Path:
         """Write the HTML page atomically; return its path."""
-        return _page().write_html(path, self)
+        return _pages("html").write_html(path, self)
 
     def save_comparison(self, path: str | Path, earlier: Report) -> Path:
         """Write a page that compares this diagnosis with an earlier one; return its path."""
-        module = import_module(f"{__package__}.report.comparison")
-        return module.write_comparison(path, earlier, self)
+        return write_text(path, _pages("comparison").render(earlier, self))
 
     def _repr_html_(self) -> str:
         """Return the page in a frame of its own, for a notebook."""
-        return _page().framed(self)
+        return _pages("html").framed(self)
 
 
-def _page() -> Any:
-    """Return the module that draws pages: it stands above this one and is found when asked for."""
-    return import_module(f"{__package__}.report.html")
+def _pages(name: str) -> Any:
+    """Return a module that draws pages: it stands above this one and is found when asked for."""
+    return import_module(f"{__package__}.report.{name}")
 
 
 def _read(kind: Any, value: Any) -> Any:
@@ -333,10 +331,8 @@ def _plain(value: Any) -> Any:
         return {str(key): _plain(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(part) for part in value]
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
-    if isinstance(value, int | np.integer):
-        return int(value)
-    if isinstance(value, float | np.floating):
-        return float(f"{float(value):.6g}") if math.isfinite(value) else None
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float):
+        return float(f"{value:.6g}") if math.isfinite(value) else None
     return value

@@ -180,7 +180,7 @@ def _distances(
     pool = PooledSamples(scaled, group, rng)
     half, episodes = own // 2, settings.closed_loop.episodes
     worlds = range(own, len(every), episodes)  # where each begins
-    rows: dict[str, list[list[float]]] = {"sliced_wasserstein": [], "mmd": []}
+    found = []
     for _ in range(settings.bootstrap.draws):
         dealt = rng.permutation(own)
         drawn = [begin + rng.choice(episodes, half, replace=False) for begin in worlds]
@@ -188,9 +188,9 @@ def _distances(
             np.bincount(chosen, minlength=len(every))
             for chosen in (dealt[:half], dealt[half : 2 * half], *drawn)
         )
-        for name, distance in (("sliced_wasserstein", pool.wasserstein), ("mmd", pool.mmd)):
-            rows[name].append([distance(first, other) for other in others])
-    return tuple(_distance(name, np.array(values)) for name, values in rows.items())
+        found.append([[pool.wasserstein(first, one), pool.mmd(first, one)] for one in others])
+    both = zip(("sliced_wasserstein", "mmd"), np.array(found).transpose(2, 0, 1), strict=True)
+    return tuple(_distance(name, values) for name, values in both)
 
 
 def _distance(measure: str, values: np.ndarray) -> Distance:

@@ -11,6 +11,7 @@ cannot follow cancels. Nothing is named that exchanging before and after makes a
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,12 +22,7 @@ from envs.effects import EFFECTS, load_effects
 from envs.errors import did_you_mean
 from hardware.log import Log, read_logs
 from sim2real.diagnosis.comparison.answer import Change, Comparison, Fleet, Value, Verdict
-from sim2real.diagnosis.comparison.changes import (
-    as_alike,
-    as_change,
-    as_untold,
-    find_changes,
-)
+from sim2real.diagnosis.comparison.changes import as_alike, as_change, as_untold, find_changes
 from sim2real.diagnosis.comparison.confounders import SUPPLY, Confounded, confounders, excuse
 from sim2real.diagnosis.comparison.permuted import Permuted
 from sim2real.diagnosis.comparison.pieces import Pieces, contrasts
@@ -192,13 +188,17 @@ def _compared(
         "alpha": alpha,
     }
     names = [[str(data.logs[k].path or "a log") for k in side] for side in (before, after)]
-    inputs = {"before": names[0], "after": names[1], **asked.inputs}
-    shared = _values(made.watch)
+    answer = partial(
+        Comparison,
+        shared=_values(made.watch),
+        confounders=beside.listed,
+        numbers=numbers,
+        inputs={"before": names[0], "after": names[1], **asked.inputs},
+    )
     reason = _untellable(pieces, beside, len(columns), settings.compared.blocks_min)
     if reason is not None:
-        rest = (shared, beside.listed, (), numbers, inputs)
-        return Comparison("cannot_tell", reason, (), (), (), *rest)
-    rng = np.random.default_rng(inputs["seed"])
+        return answer("cannot_tell", reason, (), (), (), untold=())
+    rng = np.random.default_rng(asked.inputs["seed"])
     permuted = Permuted(pieces, rng, settings.inference.draws)
     left = beside._replace(prior=beside.prior.after(moved))
     found = find_changes(permuted, columns, left, settings, alpha)
@@ -218,19 +218,8 @@ def _compared(
     passed = [c for c in named if c.limit is not None and abs(c.change) <= c.limit]
     changes = [c for c in named if c not in passed]
     untold = as_untold(columns, found)
-    verdict, reason = _verdict(changes, watched, len(watched) - len(untold), numbers)
-    return Comparison(
-        verdict,
-        reason,
-        tuple(changes),
-        tuple(passed),
-        tuple(watched),
-        shared,
-        beside.listed,
-        untold,
-        numbers,
-        inputs,
-    )
+    judged = _verdict(changes, watched, len(watched) - len(untold), numbers)
+    return answer(*judged, tuple(changes), tuple(passed), tuple(watched), untold=untold)
 
 
 def _untellable(pieces: Pieces, beside: Confounded, columns: int, least: int) -> str | None:

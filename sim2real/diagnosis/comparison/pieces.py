@@ -37,10 +37,9 @@ class Pieces(NamedTuple):
 
 
 class _Stretch(NamedTuple):
-    """The rows of one window that are in one block: what is off, and its columns."""
+    """The rows of one window that are in one block."""
 
-    wrong: np.ndarray  # (t, M)
-    columns: np.ndarray  # (K, t, M)
+    lines: np.ndarray  # (K + 1, t, M): the columns, then what is off
     logs: tuple[int, ...]  # the pair or log that it is of
     block: int
     after: bool
@@ -71,8 +70,8 @@ def contrasts(
 ) -> Pieces:
     """Return the pieces of two sides.
 
-    Each is weighted by the noise of what is off in it, never less than `weight_floor` of the
-    median: a joint that sticks for a while, or an arm that swings freely, must not drown the rest.
+    Each is weighted by the noise of what is off in it, and none by more than half of them are: a
+    joint that sticks for a while, or an arm that swings freely, must not drown the rest.
 
     Args:
         made: the replayed logs, with aligned windows.
@@ -83,22 +82,20 @@ def contrasts(
     pairs = pairs_of(made.motions, before, after)
     alone = [((), (k,)) for group in made.motions for k in group if k in {*before, *after}]
     stretches = list(_stretches(made, error, pairs or alone, after))
-    limits = made.data.settings.compared
     sides = [{one.logs for one in stretches if one.after == side} for side in (False, True)]
-    logs = min(len(side) for side in sides if side) >= limits.logs_min
+    logs = min(len(side) for side in sides if side) >= made.data.settings.compared.logs_min
     pieces: dict[tuple[int, ...], list[_Stretch]] = {}
     for one in stretches:
         pieces.setdefault(one.logs if logs else (*one.logs, one.block), []).append(one)
-    wrong = [np.concatenate([one.wrong for one in some]) for some in pieces.values()]
-    columns = [np.concatenate([one.columns for one in some], axis=1) for some in pieces.values()]
-    noise = np.array([np.sqrt(np.mean(part**2, axis=0)) for part in wrong])  # (B, M)
-    weight = 1 / np.maximum(np.maximum(noise, limits.weight_floor * np.median(noise, axis=0)), TINY)
-    x = [(part * w).reshape(len(part), -1) for part, w in zip(columns, weight, strict=True)]
-    y = [(part * w).reshape(-1) for part, w in zip(wrong, weight, strict=True)]
-    every = np.concatenate(wrong)
+    lines = [np.concatenate([one.lines for one in some], axis=1) for some in pieces.values()]
+    noise = np.array([np.sqrt(np.mean(part[-1] ** 2, axis=0)) for part in lines])  # (B, M)
+    weight = 1 / np.maximum(np.maximum(noise, np.median(noise, axis=0)), TINY)
+    x = [(part * w).reshape(len(part), -1) for part, w in zip(lines, weight, strict=True)]
+    square = np.array([own @ own.T for own in x])  # (B, K + 1, K + 1)
+    every = np.concatenate([part[-1] for part in lines])
     return Pieces(
-        np.array([own @ own.T for own in x]),
-        np.array([-own @ off for own, off in zip(x, y, strict=True)]),
+        square[:, :-1, :-1],
+        -square[:, :-1, -1],
         None if pairs else np.array([some[0].after for some in pieces.values()]),
         every.size,
         logs,
@@ -118,10 +115,10 @@ def _stretches(
                 continue
             ones, others = ([of[k, own] for k in side] for side in (first, second))
             wrong = error[others].mean(axis=0) - (error[ones].mean(axis=0) if first else 0.0)
-            columns = made.lines[:, place]
+            lines = np.concatenate([made.lines[:, place], wrong[None]])
             row = blocks[own if first else others[0]]
             used = np.all(made.data.mask[[*ones, *others]], axis=0) & (row >= 0)
             for block in np.unique(row[used]).tolist():
                 mine = used & (row == block)
                 later = not first and second[0] in after
-                yield _Stretch(wrong[mine], columns[:, mine], (*first, *second), block, later)
+                yield _Stretch(lines[:, mine], (*first, *second), block, later)

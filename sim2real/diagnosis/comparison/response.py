@@ -173,7 +173,7 @@ def respond(simulator: Simulator, watch: Watch, windows: np.ndarray) -> Response
         watch: what may change, and what both sides have.
         windows: those to look at, (n,).
     """
-    probes = list(_probes(watch, simulator.data.settings.compared.step))
+    probes = list(_probes(watch))
     sets = [watch, *(probe.watch for probe in probes)]
     base, *moved = simulate_each(simulator, [one.rows(windows) for one in sets])
     change = [
@@ -191,28 +191,33 @@ class _Probe(NamedTuple):
     watch: Watch
 
 
-def _probes(watch: Watch, small: float) -> Iterator[_Probe]:
-    """Yield how each number of an effect is moved; what acts in proportion, by a small share.
+def _probes(watch: Watch) -> Iterator[_Probe]:
+    """Yield how each number of an effect is moved: as far as a fit moves it.
 
-    A factor's straight line over a quarter of its value is another one than over some per cent.
-    Play and the like have no smaller steps that say anything.
+    An absent factor or tilt is moved as one of typical size is: by some per cent, as it changes.
+    Play and the like say nothing below their smallest probe.
     """
     shared = [option.effect for option, _ in watch.shared.values()]
     for option in watch.options:
-        there = option.label in watch.shared
-        if there or any(in_the_way(one, option.effect) for one in shared):
+        if option.label in watch.shared or any(in_the_way(one, option.effect) for one in shared):
             continue
-        vector = option.name in VECTORS
-        part = small if vector or option.effect.how == "scale" else 1.0
-        for place in range(len(option.neutral) if vector else 1):
-            sizes = np.abs(option.probes - option.neutral)[:, place]
+        if option.name in VECTORS or option.effect.how == "scale":
+            steps = get_nudges((option,), option.neutral + option.step)
+            yield from _nudged(watch, option, option.neutral, steps)
+        else:
+            sizes = np.abs(option.probes - option.neutral)[:, 0]
             probe = option.probes[np.argmin(np.where(sizes > 0, sizes, np.inf))]
-            point = np.array(option.neutral if vector else probe, float)
-            step = float(part * (probe[place] - option.neutral[place]))
-            point[place] = option.neutral[place] + step
-            yield _Probe(Column(option, place), step, watch.having(option, point))
+            step = float(probe[0] - option.neutral[0])
+            yield _Probe(Column(option, 0), step, watch.having(option, np.array(probe, float)))
     for option, values in watch.shared.values():
-        steps = np.diag(get_nudges((option,), values))
-        for place, moved in enumerate(steps if option.name in VECTORS else steps[:1]):
-            column = Column(option, place)
-            yield _Probe(column, float(moved[place]), watch.having(option, values + moved))
+        yield from _nudged(watch, option, values, get_nudges((option,), values))
+
+
+def _nudged(
+    watch: Watch, option: Candidate, values: np.ndarray, steps: np.ndarray
+) -> Iterator[_Probe]:
+    """Yield each number of an effect, or the first one that says its size, moved by its step."""
+    for place in range(len(steps) if option.name in VECTORS else 1):
+        point = values.copy()
+        point[place] += steps[place]
+        yield _Probe(Column(option, place), float(steps[place]), watch.having(option, point))

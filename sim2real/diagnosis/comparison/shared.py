@@ -33,7 +33,7 @@ def share(simulator: Simulator, watch: Watch, windows: np.ndarray) -> Watch:
         windows: the first ones of each motion, (n,).
     """
     data, settings = simulator.data, simulator.data.settings
-    enough, every = 1 - settings.compared.shared_worth, watch.options
+    enough, every = 1 - settings.numerics.change, watch.options
     error = errors(simulator, watch, windows)
     worst = windows[np.argsort(-data.only(windows).window_squares(error))]
     looked = np.sort(worst[: settings.windows.windows_usual])

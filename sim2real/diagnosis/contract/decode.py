@@ -23,7 +23,6 @@ from sim2real.diagnosis.contract.answer import Fault, Finding, Stage
 from sim2real.diagnosis.contract.rebuild import Variant
 from sim2real.diagnosis.contract.rows import Rows
 from sim2real.diagnosis.contract.ways import (
-    AT_OWN,
     Choice,
     Moments,
     Target,
@@ -36,7 +35,6 @@ from sim2real.diagnosis.contract.ways import (
 )
 from sim2real.diagnosis.settings import Contract
 
-HUGE = 1e30  # nats: a way that is none
 FEW = "too few rows to compare"
 TIMED = ("rate", "filter")  # mistakes that are tried at the described age alone
 
@@ -50,16 +48,10 @@ def decode(target: Target, ways: Sequence[Variant], rows: Rows, limits: Contract
         rows: the rows of both.
         limits: when a change is named.
     """
-    use = rows.deep(limits.ages_max)
-    whole = np.all(np.abs(target.values) < target.clip * (1 - limits.floor), axis=1, keepdims=True)
-    kept = whole & ~np.broadcast_to(target.apart, target.values.shape)
-    use = use[kept[use].any(axis=1)]
-    kept = kept[use] & (kept[use].sum(axis=0) >= limits.rows_few)
-    stage = Stage()
-    if kept.sum() < limits.rows_min or len(use) < limits.rows_min:
+    stage, search = Stage(), Search(target, rows, limits)
+    if not search.seen.any():
         stage.open(f"{target.name}: {', '.join(target.elements)}", FEW)
         return stage
-    search = _Search(target, rows, use, kept, limits)
     plain = search.described(ways[0])
     left = float(search.misfit(plain).max())
     if left > limits.suspect:
@@ -69,17 +61,25 @@ def decode(target: Target, ways: Sequence[Variant], rows: Rows, limits: Contract
     return stage
 
 
-class _Search:
-    def __init__(
-        self, target: Target, rows: Rows, use: np.ndarray, kept: np.ndarray, limits: Contract
-    ) -> None:
-        """Take the rows `use` (n,); of these each number is compared where `kept` (n, k)."""
-        self.target, self.rows, self.use, self.limits = target, rows, use, limits
-        self.logged = target.values[use]
+class Search:
+    """The ways in which a term may have been made, compared with its logged numbers; see `decode`.
+
+    A row in which a number was clipped is left out, and so is a number of which few rows are left.
+    """
+
+    def __init__(self, target: Target, rows: Rows, limits: Contract) -> None:
+        self.target, self.rows, self.limits = target, rows, limits
+        whole = np.all(np.abs(target.values) < target.clip * (1 - limits.suspect), axis=1)
+        kept = whole[:, None] & ~np.broadcast_to(target.apart, target.values.shape)  # (T, k)
+        deep = rows.deep(limits.ages_max)
+        self.use = deep[kept[deep].any(axis=1)]  # (n,)
+        kept = kept[self.use] & (kept[self.use].sum(axis=0) >= limits.rows_few)  # (n, k)
+        kept &= min(kept.sum(), len(kept)) >= limits.rows_min
+        self.logged = target.values[self.use]
         self.weight = kept / np.maximum(kept.sum(axis=0), 1)  # (n, k)
         self.seen: np.ndarray = np.asarray(kept.any(axis=0))  # (k,)
         spread = self._std(self.logged)
-        self.rounding = target.rounding(spread)  # (k,)
+        self.rounding = np.full_like(spread, target.resolution**2 / 4)  # (k,) half a step at most
         self.spread = np.maximum(spread, limits.still * np.abs(target.scale))  # (k,)
 
     def _mean(self, values: np.ndarray) -> np.ndarray:
@@ -185,7 +185,7 @@ class _Search:
 
     def _nats(self, square: np.ndarray) -> np.ndarray:
         """Return the negative log likelihood of numbers with square misfits."""
-        return self.limits.effective_rows / 2 * np.log(square + self.limits.floor**2)
+        return self.limits.rows_min / 2 * np.log(square + self.limits.suspect**2)
 
     def _fitted(self, way: Variant, age: int, gain: Choice, pose: Choice, moments: Moments) -> Way:
         """Return the best order and options of the single numbers."""
@@ -201,8 +201,7 @@ class _Search:
         fit = self._nats(np.maximum(mse, 0.0) / self.spread[:, None] ** 2) * self.seen[:, None]
         j = np.arange(len(self.spread))
         total = fit + limits.price * price[:, None, None]
-        total[list(AT_OWN)] += HUGE * np.eye(len(j))
-        option = np.argmin(total, axis=0)  # (k, k)
+        option = np.argmin(total, axis=0)  # (k, k), the first of equal ones
         scores = np.min(total, axis=0) + limits.price * (j[:, None] != j)
         order = linear_sum_assignment(scores)[1]
         chosen = option[j, order]
@@ -247,7 +246,7 @@ def _likeness(
     made = scale * (source + offset)
     spread = np.maximum(made.std(axis=0), limits.still * np.abs(scale))
     apart = np.mean((made[:, :, None] - made[:, None, :]) ** 2, axis=0) / spread[:, None] ** 2
-    return limits.effective_rows / 2 * np.log(apart / limits.floor**2 + 1)
+    return limits.rows_min / 2 * np.log(apart / limits.suspect**2 + 1)
 
 
 def _rivals(

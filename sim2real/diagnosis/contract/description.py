@@ -154,9 +154,10 @@ def read_description(
     """
     given, place = _load(path)
     check_keys(place, given, KEYS)
-    names = _names(place, "joints", given, joints)
+    names = different(f"{place}: joints", given.get("joints"), joints)
     of_log = dict(zip(joints, actuators or joints, strict=True))
-    driving = _names(place, "actuators", given, [of_log.get(name, name) for name in names])
+    own = [of_log.get(name, name) for name in names]
+    driving = different(f"{place}: actuators", given.get("actuators"), own)
     if len(driving) != len(names):
         raise ContractError(f"{place}: {len(driving)} actuators for {len(names)} joints")
     pose = _pose(f"{place}, default_pose", given.get("default_pose"), names)
@@ -223,14 +224,6 @@ def _section(place: str, given: Mapping[str, Any], *keys: str) -> tuple[str, Map
     place = f"{place}, {name}"
     check_keys(place, section, tuple(allowed))
     return place, section
-
-
-def _names(
-    place: str, key: str, given: Mapping[str, Any], default: Sequence[str]
-) -> tuple[str, ...]:
-    if given.get(key) is None:
-        return tuple(default)
-    return different(f"{place}: {key}", given[key])
 
 
 def _pose(place: str, given: Any, joints: tuple[str, ...]) -> np.ndarray | None:

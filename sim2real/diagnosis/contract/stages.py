@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from sim2real.diagnosis.contract.answer import Finding, Stage
-from sim2real.diagnosis.contract.decode import decode
+from sim2real.diagnosis.contract.decode import Search, decode
 from sim2real.diagnosis.contract.description import Description
 from sim2real.diagnosis.contract.history import unstack
 from sim2real.diagnosis.contract.rebuild import Mistake, Variant, variants
@@ -44,15 +44,16 @@ def check_observation(stage: Stage, rows: Rows, about: Description, limits: Cont
     newest = unstack(stage, _unnormalized(stage, seen, rows, about, limits), about, rows, limits)
     for term, part in about.parts(newest):
         if term.rebuilt:
-            stage.add(_decoded(part, term, rows, about, limits))
+            stage.add(decode(*_made(part, term, rows, about), rows, limits))
         else:
             text = f"{term.size} numbers have no channel in the log and were not checked"
             stage.open(term.kind, text)
 
 
-def _decoded(
-    part: np.ndarray, term: Term, rows: Rows, about: Description, limits: Contract
-) -> Stage:
+def _made(
+    part: np.ndarray, term: Term, rows: Rows, about: Description
+) -> tuple[Target, list[Variant]]:
+    """Return the logged numbers of a term (T, k), and the ways in which they may be made."""
     ways = variants(term, rows, about)
     if term.kind == "quaternion":  # q and -q are one turn
         part = _one_side(part, term)
@@ -60,8 +61,7 @@ def _decoded(
     flipped = "gravity_direction" if term.kind in ("gravity", "accelerometer") else "sign"
     angular = term.kind in ANGULAR
     of = "observation", term.kind, term.elements
-    target = Target(*of, part, term.scale, angular, about.clip, flipped)
-    return decode(target, ways, rows, limits)
+    return Target(*of, part, term.scale, angular, about.clip, flipped), ways
 
 
 def _one_side(turn: np.ndarray, term: Term) -> np.ndarray:
@@ -91,13 +91,12 @@ def _unnormalized(
 
 def _rebuilt_misfit(values: np.ndarray, rows: Rows, about: Description, limits: Contract) -> float:
     """Return the median misfit of all rebuilt numbers of the newest frame as described."""
-    use, sizes = rows.deep(limits.ages_max), [np.zeros(0)]
+    sizes = [np.zeros(0)]
     for term, part in about.parts(unstack(Stage(), values, about, rows, limits)):
         if term.rebuilt:
-            way = variants(term, rows, about)[0]
-            made = term.scale * (rows.older(way.values, way.age) + way.offset)
-            spread = np.maximum(made[use].std(axis=0), limits.still * np.abs(term.scale))
-            sizes.append(np.sqrt(np.mean((part - made)[use] ** 2, axis=0)) / spread)
+            target, ways = _made(part, term, rows, about)
+            search = Search(target, rows, limits)
+            sizes.append(search.misfit(search.described(ways[0]))[search.seen])
     every = np.concatenate(sizes)
     return float(np.median(every)) if every.size else 0.0
 
@@ -193,7 +192,6 @@ def check_action(stage: Stage, rows: Rows, about: Description, limits: Contract)
     """
     law, names = about.action, list(about.actuators)
     sent, done = rows.matrix([f"ctrl.{name}" for name in names]), actions_of(rows, about)
-    clipped: list[Variant] = []
     if law.law == "logged_goal":
         goals, scale = [f"action.{name}" for name in names], np.ones(len(names))
         if not rows.has(goals):
@@ -201,6 +199,7 @@ def check_action(stage: Stage, rows: Rows, about: Description, limits: Contract)
             stage.open("ctrl", text)
             return
         plain = Variant(None, rows.matrix(goals), np.zeros(len(names)))
+        ways = [plain]
     else:
         if done.shape[1] != sent.shape[1]:
             raise ContractError(
@@ -209,9 +208,8 @@ def check_action(stage: Stage, rows: Rows, about: Description, limits: Contract)
             )
         scale = law.scale
         plain = Variant(None, np.clip(done, -law.clip, law.clip), law.offset / scale)
-        clipped = _clipped(sent / scale - plain.offset, done, plain, limits)
-    ways = [plain, *clipped, *_smoothed(rows, plain)]
-    ways += _held(rows, plain, limits, "send a command every control step")
+        ways = [plain, *_clipped(sent / scale - plain.offset, done, plain, limits)]
+    ways += _smoothed(rows, plain) + _held(rows, plain, limits, "send a command every control step")
     step = _resolution(sent)
     cut = rows.columns.get(LIMITED, np.zeros(len(rows))) > 0  # the guard's own doing
     near = _after(cut, limits)
@@ -281,10 +279,12 @@ def _clipped(
 
 def _smoothed(rows: Rows, plain: Variant) -> list[Variant]:
     """Return commands that went through a filter of first order."""
-    made = []
-    for share in FILTERS:
-        text = f"is smoothed: {share:g} of the new value and {1 - share:g} of the last one"
-        mistake = Mistake("filter", text, "send the command unfiltered")
-        values = rows.smoothed(plain.values, share)
-        made.append(plain._replace(mistake=mistake, values=values))
-    return made
+    text = "is smoothed: {:g} of the new value and {:g} of the last one"
+    return [
+        Variant(
+            Mistake("filter", text.format(share, 1 - share), "send the command unfiltered"),
+            rows.smoothed(plain.values, share),
+            plain.offset,
+        )
+        for share in FILTERS
+    ]

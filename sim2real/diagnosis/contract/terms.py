@@ -5,7 +5,7 @@ without `channels`) keeps its place in the vector, and is not checked.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, get_args
 
@@ -128,9 +128,7 @@ def _elements(
 ) -> tuple[str, ...]:
     """Return a name for each number of a term."""
     if kind in JOINTS:
-        chosen = joints
-        if given.get("joints") is not None:
-            chosen = different(f"{place}: joints", given["joints"])
+        chosen = different(f"{place}: joints", given.get("joints"), joints)
         return tuple(choice(f"{place}: joint", name, joints) for name in chosen)
     if kind == "quaternion":
         order = choice(f"{place}: order", given.get("order", "wxyz"), get_args(QuaternionOrder))
@@ -182,8 +180,10 @@ def whole(place: str, value: Any, most: int, hint: str = "") -> int:
     return value
 
 
-def different(place: str, given: Any) -> tuple[str, ...]:
-    """Return a list of different names; raises ContractError for anything else."""
+def different(place: str, given: Any, default: Sequence[str]) -> tuple[str, ...]:
+    """Return a list of different names, or the default; raises ContractError for anything else."""
+    if given is None:
+        return tuple(default)
     if not isinstance(given, list) or not given or len(set(map(str, given))) != len(given):
         raise ContractError(f"{place} {given!r} must be a list of different names, or null")
     return tuple(map(str, given))

@@ -15,8 +15,6 @@ from sim2real.diagnosis.contract.answer import Fault
 from sim2real.diagnosis.contract.rebuild import Mistake, Variant
 
 DEGREES = 180.0 / np.pi
-ROUNDED, AT_MOST = 12.0, 4.0  # step² over the mean and the largest square of rounding to it
-RESTING = 3.0  # steps: a number that spreads less is rounded alike all the time
 
 
 class Target(NamedTuple):
@@ -51,14 +49,6 @@ class Target(NamedTuple):
         every = len(elements) == len(self.elements)
         return self.name if every else f"{self.name}: {', '.join(elements)}"
 
-    def rounding(self, spread: np.ndarray) -> np.ndarray:
-        """Return the mean square of what rounding makes of each number, (k,).
-
-        At most, of one that rests: whose standard deviation (k,) is a few steps.
-        """
-        rests = spread < RESTING * self.resolution
-        return self.resolution**2 / np.where(rests, AT_MOST, ROUNDED)
-
 
 # a factor or an offset (k,) that a whole term may have, and the mistake that it is if it is one
 Choice = tuple[Mistake | None, np.ndarray]
@@ -90,10 +80,7 @@ class Way(NamedTuple):
     shift: np.ndarray
 
 
-# places in `options`
-AT_OWN = (1, 7, 8)  # differ from others only where the order does
-SIGNED = (2, 3, 6, 7, 8)
-SHIFTED, SCALED = (4, 6), 5
+SHIFTED, SCALED = (4, 6), 5  # places in `options`
 
 
 def poses(way: Variant, ratio: np.ndarray) -> list[Choice]:
@@ -159,21 +146,20 @@ def late(steps: int) -> Mistake | None:
 
 
 def _ratios(scale: np.ndarray, moments: Moments, offset: np.ndarray) -> list[float]:
-    """Return the factors on a whole term that spreads and least squares tell."""
+    """Return the factors on a whole term that spreads and least squares tell.
+
+    The offset may have been added before the factor that is wrong, or after it.
+    """
     var, mean = np.diag(moments.source_var), np.diag(moments.source_mean)
     power = float(np.sum(scale**2 * var))
     if power <= 0:
         return []
     found = [float(np.sqrt(moments.var.sum() / power))]
-    with_source = np.diag(moments.cov) + moments.mean * mean  # E[value source]
-    square = var + mean**2
-    after = scale * (with_source - scale * offset * mean)
-    found.append(float(after.sum() / np.sum(scale**2 * square)))
-    if np.any(offset):
-        before = scale * (with_source + moments.mean * offset)
-        whole = square + 2 * offset * mean + offset**2
-        found.append(float(before.sum() / np.sum(scale**2 * whole)))
-    return [ratio for ratio in found if ratio > 0]
+    for before, after in ((0.0 * offset, offset), (offset, 0.0 * offset)):
+        product = np.diag(moments.cov) + (moments.mean - scale * after) * (mean + before)
+        square = var + (mean + before) ** 2
+        found.append(float(np.sum(scale * product) / np.sum(scale**2 * square)))
+    return list(dict.fromkeys(ratio for ratio in found if ratio > 0))
 
 
 def options(
@@ -212,7 +198,7 @@ def faults(target: Target, way: Way) -> tuple[Fault, ...]:
         text = "has " + ", ".join(f"{order[j]} where {names[j]} belongs" for j in moved)
         fix = f"the robot's order is [{', '.join(order)}]; reorder it as described"
         found.append((Mistake("permutation", text, fix), tuple(names[j] for j in moved)))
-    turned = tuple(names[j] for j in np.flatnonzero(np.isin(way.option, SIGNED)))
+    turned = tuple(names[j] for j in np.flatnonzero(way.slope * way.factor < 0))
     if turned:
         listed = ", ".join(turned)
         text = f"has the wrong sign at {listed}"

@@ -65,7 +65,7 @@ def contradicting(
     """Yield a finding for each channel whose error the causes increase."""
     for gap in gaps:
         far = gap.after - gap.before > settings.sigmas * gap.noise
-        if far and gap.after > settings.worse * gap.before:
+        if far and gap.after > settings.ratio[1] * gap.before:
             yield Finding(
                 "witness",
                 gap.column.partition(".")[2],

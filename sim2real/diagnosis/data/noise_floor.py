@@ -39,17 +39,16 @@ def noise_floor(logs: Sequence[Log], settings: Settings = DEFAULT) -> dict[str, 
 def step_of(values: np.ndarray, settings: Settings = DEFAULT) -> float:
     """Return the step between two readings of an encoder, 0 if they are not rounded.
 
-    Of few values that are read again and again it is the smallest step between two of them.
+    Of rounded readings some are equal, and all differ by whole steps.
     """
-    limits, levels = settings.noise_floor, np.unique(values)
+    error, levels = settings.noise_floor.whole_error, np.unique(values)
     steps = np.diff(levels)
     steps = steps[steps > SAME]
-    if len(steps) < limits.steps_min:
-        again = len(values) > limits.steps_min * len(levels)
-        return float(steps.min()) if again and steps.size else 0.0
+    if len(levels) == len(values) or not steps.size:
+        return 0.0
     step = float(np.median(steps[steps < ONE_COUNT * steps.min()]))
-    near = steps[steps < step / limits.whole_error]  # of more counts, it may be that far off itself
-    whole = np.abs(near / step - np.round(near / step)) < limits.whole_error
+    near = steps[steps < step / error]  # of more counts, it may be that far off itself
+    whole = np.abs(near / step - np.round(near / step)) < error
     return step if whole.mean() > 1 - settings.inference.level else 0.0
 
 

@@ -83,16 +83,16 @@ def refuse_kinds(log: Log, spec: mujoco.MjSpec, settings: Settings = DEFAULT) ->
     servos = [is_servo(model, model.actuator(name).id) for name in joints]
     place, names = log.path or "the log", ", ".join(joints)
     if not any(servos) and all(one > limits.follows for one in alike.values()):
-        if _gap(log, spec, joints, settings) > limits.lost:
+        if _gap(log, spec, joints, settings) ** 2 > 1 - limits.share:
             raise Sim2RealError(
                 f"{place}: the joints follow the commands of {names} like desired positions, but "
                 f"the model has motors there, which take torques [N·m]: give a model with position "
                 "actuators, or log the torques as `ctrl.*`"
             )
-    elif all(servos) and all(one < limits.stranger for one in alike.values()):
+    elif all(servos) and all(one < limits.follows for one in alike.values()):
         kinds = (spec, _motors(spec, joints, 1.0), _motors(spec, joints, 0.0))
         gap, other, none = (_gap(log, one, joints, settings) for one in kinds)
-        if gap > limits.lost and other < limits.better * min(gap, none):
+        if gap**2 > 1 - limits.share and other < limits.better * min(gap, none):
             raise Sim2RealError(
                 f"{place}: the model has position servos at {names}, which take desired "
                 "positions, but the commands act like torques: as such their replay is "
@@ -131,7 +131,7 @@ def _likeness(log: Log, actuator: str, joint: str, settings: Settings) -> float:
 def _gap(log: Log, spec: mujoco.MjSpec, joints: dict[str, str], settings: Settings) -> float:
     """Return how far a replay of short pieces is from the log, over the joints' spread."""
     model, most = spec.copy().compile(), settings.simulation.error_max
-    pieces = choose([log], settings.preflight.brief_s, settings.simulation.pieces)
+    pieces = choose([log], settings.windows.state_s)
     paths = trial(spec, [piece.recording(model) for piece in pieces]) if pieces else []
     found = []
     for piece, path in zip(pieces, paths, strict=True):

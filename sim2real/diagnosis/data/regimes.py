@@ -16,7 +16,7 @@ from sim2real.diagnosis.data.pairs import driven_by
 from sim2real.diagnosis.data.recording import episode_rows, powered
 from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 
-THIRDS = (1 / 3, 2 / 3)  # of a joint's range, or of the time
+THIRDS = (1 / 3, 2 / 3)  # of the rows, or of the time
 
 
 class Kind(NamedTuple):
@@ -31,27 +31,23 @@ def regimes(
     log: Log, model: mujoco.MjModel, joint: str, settings: Settings = DEFAULT
 ) -> Iterator[Kind]:
     """Yield the kinds of moments of a hinge or slide, each group a partition or a single kind."""
-    q, v, limits = log.column(f"qpos.{joint}"), speed(log, joint, settings), settings.regimes
+    q, v, limits = log.column(f"qpos.{joint}"), _speed(log, joint, settings), settings.regimes
     driven = ((name, driven_by(model, name)) for name in log.actuators)
     actuator = next((name for name, own in driven if own is not None and own[1] == joint), None)
     names = ("at rest", "slow", "fast")
-    yield from _thirds("speed", names, np.abs(v), limits.rest_speed, limits.rare)
+    yield from _halves("speed", names, np.abs(v), limits.rest_speed, settings)
     yield Kind("reversal", "reversal", _reversal(log, v, settings))
-    low, high = np.quantile(q, THIRDS)
-    yield Kind("position", "low position", q < low)
-    yield Kind("position", "middle position", (q >= low) & (q <= high))
-    yield Kind("position", "high position", q > high)
+    yield from _thirds("position", q)
     if joint in [model.joint(i).name for i in range(model.njnt)]:
-        load = np.abs(gravity(log, model, joint))
+        load = np.abs(_gravity(log, model, joint))
         if load.max() > TINY:
-            names = ("no load", "some load", "high load")
-            yield from _thirds("load", names, load, limits.load_none * load.max(), limits.rare)
+            yield from _thirds("load", load)
     if actuator is not None:
         error = np.abs(log.column(f"ctrl.{actuator}") - q)
         names = ("at its goal", "near its goal", "far from its goal")
-        yield from _thirds("error", names, error, limits.goal_error, limits.rare)
+        yield from _halves("error", names, error, limits.goal_error, settings)
         on = powered(log, actuator)
-        yield Kind("hold", "hold", held(log, actuator, settings) & on)
+        yield Kind("hold", "hold", _held(log, actuator, settings) & on)
         if not on.all():
             yield Kind("torque", "torque off", ~on)
     start, end = log.time.min(), log.time.max()
@@ -60,7 +56,7 @@ def regimes(
     yield Kind("time", "last third of the time", share > THIRDS[1])
 
 
-def speed(log: Log, joint: str, settings: Settings = DEFAULT) -> np.ndarray:
+def _speed(log: Log, joint: str, settings: Settings) -> np.ndarray:
     """Return the slope of a joint's position, averaged over a moment, (T,)."""
     found = []
     for part in log.episodes():
@@ -70,7 +66,7 @@ def speed(log: Log, joint: str, settings: Settings = DEFAULT) -> np.ndarray:
     return np.concatenate(found)
 
 
-def gravity(log: Log, model: mujoco.MjModel, joint: str) -> np.ndarray:
+def _gravity(log: Log, model: mujoco.MjModel, joint: str) -> np.ndarray:
     """Return the torque or force that gravity puts on a joint in the measured poses, (T,)."""
     data, names = mujoco.MjData(model), [model.joint(i).name for i in range(model.njnt)]
     logged = [name for name in names if f"qpos.{name}" in log.columns]
@@ -85,15 +81,13 @@ def gravity(log: Log, model: mujoco.MjModel, joint: str) -> np.ndarray:
     return np.array(found)
 
 
-def held(log: Log, actuator: str, settings: Settings = DEFAULT) -> np.ndarray:
+def _held(log: Log, actuator: str, settings: Settings) -> np.ndarray:
     """Return where a command has stayed the same for a while, (T,) bool."""
-    found = []
-    for part in log.episodes():
-        steps = np.abs(np.diff(part.column(f"ctrl.{actuator}"), prepend=np.inf))
-        moved = np.where(steps > settings.preflight.same_command, np.arange(len(part)), 0)
-        since = part.time - part.time[np.maximum.accumulate(moved)]
-        found.append(since > settings.regimes.held_s)
-    return np.concatenate(found)
+    moved = np.abs(np.diff(log.column(f"ctrl.{actuator}"), prepend=np.inf))
+    fresh = np.diff(log.episode, prepend=np.inf) != 0
+    changed = fresh | (moved > settings.preflight.same_command)
+    last = np.maximum.accumulate(np.where(changed, np.arange(len(log)), 0))
+    return log.time - log.time[last] > settings.windows.kick_s
 
 
 def _reversal(log: Log, v: np.ndarray, settings: Settings) -> np.ndarray:
@@ -109,11 +103,19 @@ def _reversal(log: Log, v: np.ndarray, settings: Settings) -> np.ndarray:
     return np.concatenate(found)
 
 
-def _thirds(
-    group: str, names: tuple[str, str, str], values: np.ndarray, least: float, rare: float
+def _thirds(group: str, values: np.ndarray) -> Iterator[Kind]:
+    """Yield the thirds of the rows with the smallest values, the largest, and those between."""
+    low, high = np.quantile(values, THIRDS)
+    yield Kind(group, f"low {group}", values < low)
+    yield Kind(group, f"middle {group}", (values >= low) & (values <= high))
+    yield Kind(group, f"high {group}", values > high)
+
+
+def _halves(
+    group: str, names: tuple[str, str, str], values: np.ndarray, least: float, settings: Settings
 ) -> Iterator[Kind]:
-    """Below `least`, and the rest at half of a quantile that is rarely exceeded."""
-    half = max(float(np.quantile(values, rare)) / 2, least)
+    """Yield rows below `least`, and the rest at half of a quantile that is rarely exceeded."""
+    half = max(float(np.quantile(values, 1 - settings.inference.level)) / 2, least)
     yield Kind(group, names[0], values < least)
     yield Kind(group, names[1], (values >= least) & (values < half))
     yield Kind(group, names[2], values >= half)

@@ -71,26 +71,24 @@ def coherence(data: Data, error: np.ndarray) -> float:
     Their integrated autocorrelation time (Sokal 1997, with the sum up to the first lag that is not
     positive), over bins of an episode; never more than leaves enough blocks to draw from.
     """
-    limits, total = data.settings.bootstrap, 0.0
-    width = limits.block_s / BINS
-    sums: dict[tuple[int, int], dict[int, list[float]]] = {}
+    width, total = data.settings.bootstrap.block_s / BINS, 0.0
+    found: dict[tuple[int, int, int], list[float]] = {}  # by log, episode and bin
     for window, time, row, mask in zip(data.windows, data.times(), error, data.mask, strict=True):
-        own = sums.setdefault((window.log, window.episode), {})
         total += float(time[-1] - time[0])
         squares = (row[mask] ** 2).sum(axis=1)
         bins = time[mask[: len(time)]] // width
         for place in np.unique(bins):
-            own.setdefault(int(place), []).append(float(squares[bins == place].mean()))
-    series = [{k: float(np.mean(v)) for k, v in own.items()} for own in sums.values()]
-    values = np.array([v for own in series for v in own.values()])
+            key = window.log, window.episode, int(place)
+            found.setdefault(key, []).append(float(squares[bins == place].mean()))
+    size = {key: float(np.mean(own)) for key, own in found.items()}
+    values = np.array([*size.values()])
     middle, spread = values.mean(), max(float(values.var()), TINY_SQUARE)
-    longest, length = total / limits.blocks_min, width
+    longest, length = total / data.settings.windows.windows_min, width
     for lag in range(1, max(int(longest / width), 0) + 1):
         pairs = [
-            (v - middle) * (own[k + lag] - middle)
-            for own in series
-            for k, v in own.items()
-            if k + lag in own
+            (v - middle) * (size[log, episode, k + lag] - middle)
+            for (log, episode, k), v in size.items()
+            if (log, episode, k + lag) in size
         ]
         together = float(np.mean(pairs)) / spread if pairs else 0.0
         if together <= 0:

@@ -12,7 +12,7 @@ that they are subtracted from, and a stiff gain makes torques of that.)
 
 Where several motors weaken and one gives way, the others' load is another one: an arm that hangs
 down turns more easily. Their torques change by as much as they do in simulations of the windows
-with the strengths that were found for them, more than once (`heat_passes`).
+with the strengths that were found for them.
 """
 
 from collections.abc import Callable, Iterable
@@ -48,9 +48,8 @@ class Heat:
 
     def __init__(self, data: Data, paths: Paths) -> None:
         self._data, self._paths = data, paths
-        self._settings = data.settings.simulation
-        strengths = np.array([0.0, *self._settings.strengths[::-1], 1.0])
-        self._nodes = strengths**2  # (S + 1,)
+        self._strengths = data.settings.simulation.strengths
+        self._nodes = np.array([0.0, *self._strengths[::-1], 1.0]) ** 2  # (S + 1,)
         self._places = np.array([(window.log, window.start) for window in data.windows])  # (W, 2)
         self._known: dict[tuple[int, int | None], np.ndarray] = {}  # (S, 2, T, nu) N²·m²
 
@@ -89,11 +88,10 @@ class Heat:
         heat = self._integral(number, squares, points)
         if len(motors) > 1:
             lost = points[:, 0] * heat.max(axis=(0, 2))
-            for point in np.flatnonzero(lost > 1 - self._settings.strengths[0]):
-                one, alone = points[point, None], squares[:, :, point]
-                for _ in range(self._settings.heat_passes):
-                    own = alone * self._loads(number, motors, alone, one[0], heat[:, point])
-                    heat[:, point, None] = self._integral(number, own[:, :, None], one)
+            for point in np.flatnonzero(lost > 1 - self._strengths[0]):
+                one, alone = points[point], squares[:, :, point]
+                own = alone * self._loads(number, motors, alone, one, heat[:, point])
+                heat[:, point, None] = self._integral(number, own[:, :, None], one[None])
         return heat
 
     def _loads(
@@ -166,7 +164,7 @@ class Heat:
             windows = self._windows(number)
             strengths = np.ones((len(windows), self._data.models[windows[0].model].nu))
             found = []
-            for part in (1.0,) if weak is None else self._settings.strengths[::-1]:
+            for part in (1.0,) if weak is None else self._strengths[::-1]:
                 strengths[:, [] if weak is None else weak] = part
                 found.append(self._both(number, strengths))
             self._known[key] = np.stack(found)

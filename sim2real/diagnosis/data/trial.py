@@ -1,6 +1,6 @@
 """Short replays of pieces of logs, many at once.
 
-    pieces = choose(logs, seconds=5.0, most=4)          # where every joint moves
+    pieces = choose(logs, seconds=5.0)                  # where every joint moves
     paths = trial(spec, [piece.recording(model) for piece in pieces])
 
 Each recording is one row; rows that diverge are NaN from there on.
@@ -64,9 +64,10 @@ def _shifted(columns: Columns, origin: float) -> dict[str, np.ndarray]:
     return {**columns, **clocks}
 
 
-def choose(logs: Sequence[Log], seconds: float, most: int) -> list[Piece]:
-    """Return pieces in which the commands of as many actuators as possible move.
+def choose(logs: Sequence[Log], seconds: float) -> list[Piece]:
+    """Return few pieces in which the commands of as many actuators as possible move.
 
+    Each shows motions that those before it do not.
     Pieces in which a loop hunts are taken only where there are no others: no replay follows them.
     """
     cuts: list[tuple[int, int, int]] = []  # number of the log, first and last row
@@ -87,7 +88,7 @@ def choose(logs: Sequence[Log], seconds: float, most: int) -> list[Piece]:
     best = stirs.max(axis=0, initial=0.0)
     shares = stirs[:, best > STIR] / best[best > STIR]
     seen, chosen = np.zeros(shares.shape[1]), []
-    while len(chosen) < min(most, len(cuts)):
+    while len(chosen) < len(cuts):
         gains = np.maximum(shares - seen, 0.0).sum(axis=1)
         top = int(np.argmax(gains))
         if chosen and gains[top] < NEWS:

@@ -79,7 +79,10 @@ def cut(
         Sim2RealError: a log too short to be cut, or blocked nearly throughout.
     """
     servo = all(is_driven(models[0], joint.qpos) for joint in joints)
-    state = settings.unsure_s if unsure(logs, models, joints) else settings.state_s
+    # Windows keep an error of their starts that no servo and no logged speed corrects. Not so where
+    # a base is loose: what it does at a contact hangs on less than is known.
+    known = any(f"qvel.{joint.name}" in log.columns for log in logs for joint in joints)
+    state = settings.state_s if known or FREE in models[0].jnt_type else settings.unsure_s
     ahead = (settings.warm_s if servo else 0.0) + ROUNDING
     parts = [
         (n, part, own.start)
@@ -89,7 +92,7 @@ def cut(
     total = sum(part.time[-1] - part.time[0] for _, part, _ in parts)
     windows = []
     for number, part, start in parts:
-        slow = min(total / settings.windows_max, _pace(part, settings))
+        slow = min(total / settings.windows_min, _pace(part, settings))
         most, usual = max(settings.longest_s, slow), total / settings.windows_usual
         length = float(np.clip(usual, settings.shortest_s, most)) if servo else state
         pieces = max(1, round(float(part.time[-1] - part.time[0]) / length))
@@ -181,9 +184,7 @@ def _even(part: Log, pieces: int) -> np.ndarray:
 
 def _cuts(part: Log, joints: Sequence[Joint], pieces: int, settings: Windows) -> np.ndarray:
     """Return the rows at which windows begin, about evenly and at little motion, and the end."""
-    time, even = part.time, _even(part, pieces)
-    if pieces == 1:
-        return even
+    time = part.time
     moving = [(part.column(f"qpos.{joint.name}"), joint.spread) for joint in joints]
     commands = [part.column(f"ctrl.{name}") for name in part.actuators]
     moving += [(command, float(command.std())) for command in commands]
@@ -196,7 +197,7 @@ def _cuts(part: Log, joints: Sequence[Joint], pieces: int, settings: Windows) ->
     smooth = np.convolve(unrest, np.ones(width) / width, "same")
     reach = max(1, int(settings.reach * len(part) / pieces))
     cuts = [0]
-    for cut in even[1:-1]:
+    for cut in _even(part, pieces)[1:-1]:
         start = np.arange(cut - reach, cut + reach) - warm  # where its warm-up would begin
         start = start[(start > cuts[-1]) & (start + warm + 1 < len(part) - 1)]
         cuts.append(int(start[np.argmin(smooth[start])]) + warm if start.size else int(cut))
@@ -243,21 +244,6 @@ def _usable(log: Log, first: int, last: int, settings: Windows = DEFAULT.windows
             good &= (time < start) | (time > end)
     free = ~is_flagged(log, BLOCKED)[first:last]
     return free & (good if good.sum() > 1 else True)
-
-
-def unsure(logs: Sequence[Log], models: Sequence[mujoco.MjModel], joints: Sequence[Joint]) -> bool:
-    """Return whether windows keep an error of their starts: no servo, no logged speed corrects it.
-
-    Not where a base is loose: what it does at a contact hangs on less than is known.
-    """
-    joined = {joint.qpos for joint in joints}
-    model = models[0]
-    return (
-        not all(is_driven(model, joint.qpos) for joint in joints)
-        and joined <= set(model.jnt_qposadr.tolist())
-        and FREE not in model.jnt_type
-        and not any(f"qvel.{joint.name}" in log.columns for log in logs for joint in joints)
-    )
 
 
 def is_driven(model: mujoco.MjModel, qpos: int) -> bool:

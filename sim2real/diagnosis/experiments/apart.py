@@ -13,7 +13,7 @@ over joints. Nobody knows which explanation is the robot, so of each of the P pa
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import combinations
+from itertools import combinations, islice
 from typing import NamedTuple, TypeVar
 
 import mujoco
@@ -120,20 +120,14 @@ class _Model:
 
     def predicted(self, values: np.ndarray) -> list[np.ndarray]:
         """Return what encoders tell of each motion (T M,), and of the past (S,), in noises."""
-        asked, place, fixed = self.asked, 0, []
-        for effect, own in self.fixed:
-            fixed.append((effect, tuple(values[place : place + len(own)].tolist())))
-            place += len(own)
+        asked, left = self.asked, iter(values.tolist())
+        fixed = [(effect, tuple(islice(left, len(own)))) for effect, own in self.fixed]
         columns, noise = list(asked.noise), np.array(list(asked.noise.values()))
         effects = merge_effects(asked.fixed, fixed)
-        if asked.changed is None:
-            paths = trial(asked.spec, [*self.motions, *asked.past], fixed=effects)
-        else:
-            past = trial(asked.spec, asked.past, fixed=effects) if asked.past else []
-            paths = [*trial(asked.changed, self.motions, fixed=effects), *past]
-        told = [(path[:, columns] / noise).ravel() for path in paths]
-        new = len(self.motions)
-        return [*told[:new], np.concatenate([np.zeros(0), *told[new:]])]
+        made = trial(asked.changed or asked.spec, self.motions, fixed=effects)
+        past = trial(asked.spec, asked.past, fixed=effects) if asked.past else []
+        new, old = ([(p[:, columns] / noise).ravel() for p in paths] for paths in (made, past))
+        return [*new, np.concatenate([np.zeros(0), *old])]
 
     def slopes(self, values: np.ndarray, made: Sequence[np.ndarray]) -> list[np.ndarray]:
         """Return how the predictions `made` change with the values, (T M, P) and (S, P).
@@ -177,14 +171,8 @@ def _settled(motion: Recording, robot: _Model, member: _Model) -> float:
 
     error = off(member.values)
     if np.isfinite(error).all():
-        error = least_squares(
-            off,
-            member.values,
-            jac=slopes,  # type: ignore[arg-type]
-            bounds=member.ends,
-            x_scale=member.sizes,
-            max_nfev=TURNS,
-        ).fun
+        limits = {"bounds": member.ends, "x_scale": member.sizes, "max_nfev": TURNS}
+        error = least_squares(off, member.values, jac=slopes, **limits).fun  # type: ignore[arg-type]
     return _size(error[: len(wanted[0])], motion)
 
 

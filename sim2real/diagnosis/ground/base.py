@@ -51,12 +51,6 @@ class Imu(NamedTuple):
     gyro: np.ndarray | None  # (T, 3) rad/s in the site's frame
     acceleration: np.ndarray | None  # (T, 3) m/s² that it feels in the site's frame
 
-    @property
-    def tells_turn(self) -> bool:
-        """Whether it says how the base is turned."""
-        integrated = self.gyro is not None and self.acceleration is not None
-        return self.orientation is not None or integrated
-
 
 def base_of(log: Log, model: mujoco.MjModel) -> Base | None:
     """Return the base that a log does not hold; None where there is none, or no ground."""
@@ -86,18 +80,18 @@ def base_of(log: Log, model: mujoco.MjModel) -> Base | None:
 
 
 def imu_of(log: Log, model: mujoco.MjModel, base: Base) -> Imu | None:
-    """Return the IMU of a log that is fixed on the base and says most; None where there is none."""
-    found = {}
+    """Return the IMU on the base that says most, and how it is turned; None where there is none."""
+    found = list[Imu]()
     for i in np.flatnonzero(model.site_bodyid == base.body):
         quaternions, *rest = (
             _channel(log, [f"{kind}.{model.site(i).name}.{axis}" for axis in axes])
             for kind, axes in (("quat", ("w", *AXES)), ("gyro", AXES), ("accelerometer", AXES))
         )
         turn = None if quaternions is None else rotations(quaternions)
-        imu = Imu(rotations(model.site_quat[i]), model.site_pos[i].copy(), turn, *rest)
-        found.setdefault(sum(part is not None for part in (turn, *rest)), imu)
-    most = max(found, default=0)
-    return found[most] if most else None
+        if turn is not None or all(part is not None for part in rest):  # says how it is turned
+            imu = Imu(rotations(model.site_quat[i]), model.site_pos[i].copy(), turn, *rest)
+            found.append(imu)
+    return max(found, key=lambda imu: sum(part is not None for part in imu), default=None)
 
 
 def posed(model: mujoco.MjModel, poses: np.ndarray) -> Iterator[mujoco.MjData]:

@@ -104,14 +104,13 @@ def _episode(part: Log, model: mujoco.MjModel, base: Base, settings: Ground) -> 
         name = model.joint(j).name
         if len(columns_of(model, j)[0]) == 1 and f"qpos.{name}" in part.columns:
             q, dof = int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j])
-            qpos[:, q], qvel[:, dof], slope[:, dof] = _motion(part, name, settings)
-    if imu is not None and not imu.tells_turn:
-        imu = None
+            qpos[:, q], qvel[:, dof] = _motion(part, name)
+            slope[:, dof] += rms(np.diff(qvel[:, dof]))
     if base.is_free and imu is not None:
         qpos[:, base.turn], qvel[:, base.spin] = turned(part.time, imu, settings)
     elif base.is_free:
         qpos[:, base.turn], qvel[:, base.spin] = _rested(part, model, base, qpos, settings)
-        slope[:, base.spin] = settings.lean_spin_doubt
+        slope[:, base.spin] = settings.lean_rad_s
     feet = feet_of(model, base, qpos, qvel)
     felt = None
     if base.is_free and imu is not None and imu.acceleration is not None:
@@ -127,11 +126,9 @@ def _episode(part: Log, model: mujoco.MjModel, base: Base, settings: Ground) -> 
     else:
         step = np.diff(part.time, prepend=part.time[0])[:, None]
         along = np.cumsum(walk.speed * step, axis=0)
-        up = feet.lift / np.linalg.norm(feet.lift)
-        along -= (along @ up)[:, None] * up
-        qpos[:, base.qpos] += along + walk.height[:, None] * feet.lift
+        qpos[:, base.qpos] += along + np.outer(walk.height - along @ feet.up, feet.lift)
     qvel[:, base.dofs] = walk.speed
-    slope[:, base.dofs] = np.clip(walk.unsure, *settings.walk_doubt)
+    slope[:, base.dofs] = np.hypot(walk.unsure, settings.slip_m_s)  # slip is unseen
     return Estimate(part, base, qpos, qvel, walk, slope, feet.lift, imu is not None)
 
 
@@ -146,7 +143,7 @@ def _rested(
     turn = leant(model, base, qpos, settings)
     if turn is not None:
         spin = slopes(part.time, rotations(turn))
-        if np.sqrt(np.mean(spin**2)) < settings.lean_spin_doubt:
+        if rms(spin) < settings.lean_rad_s:
             return turn, spin
     name = model.joint(base.joints[0]).name or model.body(base.body).name
     sites = [model.site(i).name for i in np.flatnonzero(model.site_bodyid == base.body)]
@@ -161,8 +158,8 @@ def _rested(
     )
 
 
-def _motion(part: Log, joint: str, settings: Ground) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return a joint's position and speed at the rows' times, and the speed's doubt, (T,) each."""
+def _motion(part: Log, joint: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return a joint's position and speed at the rows' times, (T,) each."""
     values = part.column(f"qpos.{joint}")
     read = part.columns.get(f"stamp.{joint}", part.time)
     middle = np.clip(np.arange(len(values)), 1, len(values) - 2)
@@ -172,8 +169,12 @@ def _motion(part: Log, joint: str, settings: Ground) -> tuple[np.ndarray, np.nda
     ahead = part.time - t[0]
     position = q[0] + first * ahead + bend * ahead * (part.time - t[1])
     speed = first + bend * (ahead + part.time - t[1])
-    doubt = np.abs(second - first) * settings.bend_doubt + settings.speed_doubt
-    return position, speed, doubt
+    return position, speed
+
+
+def rms(values: np.ndarray) -> float:
+    """Return the root mean square of numbers."""
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _flight(model: mujoco.MjModel, base: Base) -> np.ndarray:

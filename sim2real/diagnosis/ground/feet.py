@@ -24,7 +24,12 @@ class Feet(NamedTuple):
     drift: np.ndarray  # (T, F, 3) m/s of each sole's nearest point, by joints and turns
     way: np.ndarray  # (T, F, 3, n) what the base's n linear speeds add to it
     normal: np.ndarray  # (3,) of the ground
-    lift: np.ndarray  # (n,) of the base's linear positions that raises it by 1 m
+    up: np.ndarray  # (n,) m that each of the base's linear positions raises it by
+
+    @property
+    def lift(self) -> np.ndarray:
+        """What of the base's linear positions raises it by 1 m, (n,)."""
+        return self.up / max(float(self.up @ self.up), np.finfo(float).tiny)
 
 
 def feet_of(model: mujoco.MjModel, base: Base, qpos: np.ndarray, qvel: np.ndarray) -> Feet:
@@ -42,7 +47,7 @@ def feet_of(model: mujoco.MjModel, base: Base, qpos: np.ndarray, qvel: np.ndarra
             drift[k, i] = jacobian @ qvel[k]
             way[k, i] = jacobian[:, base.dofs]
     up = normal @ way[0, 0]  # (n,): slides and free joints move all soles alike
-    return Feet(gap, drift, way, normal, up / max(float(up @ up), np.finfo(float).tiny))
+    return Feet(gap, drift, way, normal, up)
 
 
 def _normal(model: mujoco.MjModel, base: Base) -> np.ndarray:

@@ -66,14 +66,14 @@ def _slips(
 ) -> Iterator[Finding]:
     """Soles that touch the ground and move across it."""
     soles = estimates[0].base.soles
-    touch = np.concatenate([e.walk.touch for e in estimates]) > settings.stands
+    touch = np.concatenate([e.walk.touch for e in estimates])
     slip = np.concatenate([e.walk.slip for e in estimates]) > settings.slip_m_s
-    shares = {}
+    often = {}
     for i, sole in enumerate(soles.tolist()):
         name = model.geom(sole).name or model.body(int(model.geom_bodyid[sole])).name
-        if touch[:, i].mean() > settings.told_share:
-            shares[name] = float(slip[touch[:, i], i].mean())
-    often = {name: share for name, share in shares.items() if share > settings.told_share}
+        share = touch[:, i] @ slip[:, i] / max(touch[:, i].sum(), TINY)
+        if min(touch[:, i].mean(), share) > settings.told_share:
+            often[name] = share
     if often:
         slipping = ", ".join(f"{name} {share:.0%}" for name, share in often.items())
         yield Finding(
@@ -103,12 +103,13 @@ def _gyros(pairs: Sequence[tuple[Estimate, mujoco.MjModel]], settings: Ground) -
         ways = np.column_stack([truth[:, axis], -shift[:, axis], np.ones(len(truth))])
         (scale, late, bias), *_ = np.linalg.lstsq(ways, gyro[:, axis], rcond=None)
         late /= scale if abs(scale) > TINY else 1.0
-        spread = float(truth[:, axis].std())
+        spread, faster = (float(x[:, axis].std()) for x in (truth, shift))
+        least = max(settings.told_share * spread, settings.told_rad)
         if abs(bias) > settings.told_rad:
             yield _imu(f"gyro.{name}", f"is off by {bias:.2g} rad/s", "subtract that")
-        if spread > settings.told_rad and abs(scale - 1) > settings.told_share:
+        if abs(scale - 1) * spread > least:
             yield _imu(f"gyro.{name}", f"is {scale:.3g} times too large", f"divide by {scale:.3g}")
-        if spread > settings.told_rad and abs(late) > settings.late_s:
+        if abs(late) * faster > least:
             word = "behind" if late > 0 else "ahead of"
             text = f"comes {abs(late) / MILLI:.0f} ms {word} the orientation"
             yield _imu(f"gyro.{name}", text, "look at its filter, or at the orientation's")
@@ -138,7 +139,7 @@ def _tilts(pairs: Sequence[tuple[Estimate, mujoco.MjModel]], settings: Ground) -
         return float((gap[:, 1] - gap[:, 0]).mean())
 
     turn = brute(apart, 2 * [(-settings.tilt_most, settings.tilt_most)])
-    better = apart(turn) < settings.tilt_better * apart(np.zeros(2))
+    better = apart(turn) < (1 - settings.told_share) * apart(np.zeros(2))
     if better and float(np.linalg.norm(turn)) > settings.told_rad:
         yield Finding(
             "imu",

@@ -7,6 +7,7 @@ centre of mass over it. Its plane is the ground. Robots that walk fast, or stand
 not rest.
 """
 
+from collections.abc import Iterator
 from itertools import combinations
 
 import mujoco
@@ -15,7 +16,7 @@ from scipy.spatial.distance import pdist
 
 from sim2real.diagnosis.ground.base import Base, posed, rotations
 from sim2real.diagnosis.ground.turns import uprighted
-from sim2real.diagnosis.settings import Ground
+from sim2real.diagnosis.settings import TINY, Ground
 
 CORNERS = 3  # of what carries a robot
 
@@ -29,7 +30,7 @@ def leant(
         model: the robot.
         base: a free one.
         qpos: poses whose base stands as in the model, (T, nq).
-        settings: in how many rows the centre of mass must be over the soles.
+        settings: in how many rows the centre of mass may be elsewhere than over the soles.
     """
     if len(base.soles) < CORNERS:
         return None
@@ -37,37 +38,26 @@ def leant(
     poses[:, base.turn] = np.eye(len(base.turn))[0]
     upright = rotations(qpos[0, base.turn]).inv().apply([0.0, 0.0, 1.0])
     for data in posed(model, poses):
-        centre = data.subtree_com[base.body]
-        up, margin = _carried(data.geom_xpos[base.soles], centre, upright, settings)
+        every = _carried(data.geom_xpos[base.soles], data.subtree_com[base.body], settings)
+        up = max(every, key=lambda normal: normal @ upright, default=-upright)
+        rests.append(up @ upright > 0)  # no robot lies on its back
         ups.append(up)
-        rests.append(margin > -settings.lean_margin)
     if np.mean(rests) < 1 - settings.told_share:
         return None
     return uprighted(np.array(ups)).as_quat(scalar_first=True)
 
 
-def _carried(
-    soles: np.ndarray, centre: np.ndarray, upright: np.ndarray, settings: Ground
-) -> tuple[np.ndarray, float]:
-    """Return the normal (3,) of what carries a robot, and how far inside its centre of mass is.
-
-    Only normals near to `upright` count: no robot lies on its back. The latter is the least of
-    three barycentric coordinates: a third at most, negative outside.
-    """
-    best = upright, -np.inf
-    for corners in combinations(range(len(soles)), CORNERS):
-        one, two, three = soles[list(corners)]
-        normal, longest = np.cross(two - one, three - one), max(pdist(soles[list(corners)]))
+def _carried(soles: np.ndarray, centre: np.ndarray, settings: Ground) -> Iterator[np.ndarray]:
+    """Yield the upward normals (3,) of the planes on which soles (F, 3) carry a robot."""
+    for corners in combinations(soles, CORNERS):
+        one, two, three = corners
+        normal, longest = np.cross(two - one, three - one), max(pdist(corners))
         size = float(np.linalg.norm(normal))
         if size < settings.gap_m * longest:
             continue  # as narrow as soles are unsure: a line
         normal = normal * np.sign(normal @ (centre - one) or 1.0) / size
-        falls = normal @ upright < np.cos(settings.lean_most)
-        if falls or ((soles - one) @ normal < -settings.gap_m).any():
+        if ((soles - one) @ normal < -settings.gap_m).any():
             continue
-        edges = np.column_stack([two - one, three - one, normal])
-        along = np.linalg.solve(edges, centre - one)
-        margin = float(min(along[0], along[1], 1.0 - along[0] - along[1]))
-        if margin > best[1]:
-            best = normal, margin
-    return best
+        across = np.linalg.solve(np.column_stack([two - one, three - one, normal]), centre - one)
+        if min(across[0], across[1], 1.0 - across[0] - across[1]) > -TINY:  # over the triangle
+            yield normal

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 
 from sim2real.diagnosis.ground.feet import Feet
-from sim2real.diagnosis.settings import TINY, Ground
+from sim2real.diagnosis.settings import Ground
 
 PRIOR = 1e-3  # weight of 0 [s²/m² of speeds, 1/m² of heights]: far below that of any sole
 
@@ -27,7 +27,7 @@ class Walk(NamedTuple):
     height: np.ndarray  # (T,) m above where the soles' gaps were measured
     touch: np.ndarray  # (T, F) from 0 (in the air) to 1 (on the ground)
     slip: np.ndarray  # (T, F) m/s of each sole across the ground
-    unsure: np.ndarray  # (T, n) m/s, standard deviation of the speed; grows while no sole is firm
+    unsure: np.ndarray  # (T, n) m/s, standard deviation of the speed; grows while no sole stands
 
 
 def walked(
@@ -42,48 +42,38 @@ def walked(
         flight: that of free flight, (n,).
         settings: how sure each of it is.
     """
-    up = feet.lift / (feet.lift @ feet.lift)
-    height = _carried(time, -feet.gap.min(axis=1), float(flight @ up), settings)
-    slip = np.zeros(feet.gap.shape)
-    speed = unsure = np.zeros((len(time), feet.way.shape[3]))
-    touch, doubt = np.ones(feet.gap.shape), np.zeros(len(time))
+    step = np.diff(time)
+    height = _carried(time, -feet.gap.min(axis=1), float(flight @ feet.up))
+    touch = slip = np.zeros(feet.gap.shape)
+    speed = np.zeros((len(time), len(flight)))
+    curve, stiff = np.zeros((*speed.shape, len(flight))), np.ones(len(step))
     for _ in range(settings.rounds):
         above = np.maximum(feet.gap + height[:, None], 0.0)
         touch = np.exp(-((above / settings.gap_m) ** 2))
         still = touch / (1.0 + (slip / settings.slip_m_s) ** 2)
         pushed, doubt = _pushed(touch, felt, flight, settings)
-        speed, unsure = _speeds(time, feet, touch, still, pushed, doubt, settings)
-        height = _heights(time, feet, speed, still, settings)
+        curve, down = _standing(feet, touch, still, settings)
+        stiff = 1.0 / (doubt * step) ** 2  # (T - 1,)
+        speed = _chained(curve, down, stiff, pushed * step[:, None])
+        height = _heights(step, feet, speed, still, settings)
         moving = feet.drift + np.einsum("tfin,tn->tfi", feet.way, speed)
         across = moving - (moving @ feet.normal)[..., None] * feet.normal
         slip = np.linalg.norm(across, axis=2)
-    firm = (touch / (1.0 + (slip / settings.slip_m_s) ** 2)).max(axis=1) > settings.stands
-    adrift = _adrift(time, firm) * doubt  # (T,) m/s
-    return Walk(speed, height, touch, slip, np.hypot(unsure, adrift[:, None]))
-
-
-def _adrift(time: np.ndarray, firm: np.ndarray) -> np.ndarray:
-    """Return how far in time the nearest row with a firm sole is [s], (T,)."""
-    if not firm.any():
-        return np.full(len(time), float(np.ptp(time)))
-    near = time[firm]
-    after = np.searchsorted(near, time).clip(max=len(near) - 1)
-    before = np.maximum(after - 1, 0)
-    return np.minimum(np.abs(time - near[after]), np.abs(time - near[before]))
+    return Walk(speed, height, touch, slip, _spread(curve, stiff))
 
 
 def _pushed(
     touch: np.ndarray, felt: np.ndarray | None, flight: np.ndarray, settings: Ground
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return accelerations of the base [m/s²]: between rows, (T - 1, n), and how sure, (T,)."""
+    """Return accelerations of the base between rows [m/s²], (T - 1, n), and how sure, (T - 1,)."""
     if felt is not None:
-        return (felt[1:] + felt[:-1]) / 2, np.full(len(touch), settings.felt_m_s2)
-    ground = np.minimum(touch.sum(axis=1), 1.0)
-    doubt = settings.flight_m_s2 + ground * (settings.stance_m_s2 - settings.flight_m_s2)
-    return (1 - ground[:-1])[:, None] * flight, doubt
+        return (felt[1:] + felt[:-1]) / 2, np.full(len(touch) - 1, settings.felt_m_s2)
+    ground = np.minimum(touch[:-1].sum(axis=1), 1.0)
+    doubt = (1 - ground) * settings.felt_m_s2 + ground * settings.stance_m_s2
+    return (1 - ground)[:, None] * flight, doubt
 
 
-def _carried(time: np.ndarray, lowest: np.ndarray, fall: float, settings: Ground) -> np.ndarray:
+def _carried(time: np.ndarray, lowest: np.ndarray, fall: float) -> np.ndarray:
     """Return heights (T,) of a base that the ground pushes and never pulls.
 
     Where the lowest sole would have to leave the ground more slowly than the base falls, the base
@@ -93,47 +83,30 @@ def _carried(time: np.ndarray, lowest: np.ndarray, fall: float, settings: Ground
     for k in range(1, len(time)):
         step = time[k] - time[k - 1]
         flown = height[k - 1] + climb * step + fall * step**2 / 2
-        if flown > lowest[k] + settings.leave_m:
+        if flown > lowest[k]:
             height[k], climb = flown, climb + fall * step
         else:
             climb = (lowest[k] - height[k - 1]) / step
     return height
 
 
-def _speeds(
-    time: np.ndarray,
-    feet: Feet,
-    touch: np.ndarray,
-    still: np.ndarray,
-    pushed: np.ndarray,
-    doubt: np.ndarray,
-    settings: Ground,
+def _standing(
+    feet: Feet, touch: np.ndarray, still: np.ndarray, settings: Ground
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the speeds (T, n) that let soles stand, and their standard deviations."""
-    along = feet.normal
-    weight = still[..., None, None] * (np.eye(3) - np.outer(along, along))
-    weight = weight + touch[..., None, None] * np.outer(along, along)
-    weight = weight / settings.sole_m_s**2  # (T, F, 3, 3)
+    """Return what soles say of the base's speed: X'X, (T, n, n), and X'y, (T, n)."""
+    along = np.outer(feet.normal, feet.normal)
+    weight = still[..., None, None] * (np.eye(3) - along) + touch[..., None, None] * along
+    weight /= settings.sole_m_s**2  # (T, F, 3, 3)
     curve = np.einsum("tfin,tfij,tfjm->tnm", feet.way, weight, feet.way)
-    down = -np.einsum("tfin,tfij,tfj->tn", feet.way, weight, feet.drift)
-    step = np.diff(time)
-    stiff = 1.0 / (doubt[:-1] * step) ** 2  # (T - 1,)
-    speed = _chained(curve, down, stiff, pushed * step[:, None])
-    near = np.zeros_like(curve)  # what the neighbours say reaches a row through its stiffness
-    for shift in (1, -1):
-        other = np.roll(curve, shift, axis=0)
-        link = np.roll(np.append(stiff, 0.0), max(shift, 0))[:, None, None]
-        near += other * link / (link + np.trace(other, axis1=1, axis2=2)[:, None, None] + TINY)
-    spread = np.linalg.inv(curve + near + PRIOR * np.eye(speed.shape[1]))
-    return speed, np.sqrt(np.diagonal(spread, axis1=1, axis2=2))
+    return curve, -np.einsum("tfin,tfij,tfj->tn", feet.way, weight, feet.drift)
 
 
 def _heights(
-    time: np.ndarray, feet: Feet, speed: np.ndarray, still: np.ndarray, settings: Ground
+    step: np.ndarray, feet: Feet, speed: np.ndarray, still: np.ndarray, settings: Ground
 ) -> np.ndarray:
     """Return the height of each row (T,), from touching soles and the speed between rows."""
-    climb = speed @ (feet.lift / (feet.lift @ feet.lift))  # (T,) m/s along the normal
-    rise = (climb[1:] + climb[:-1]) / 2 * np.diff(time)
+    climb = speed @ feet.up  # (T,) m/s along the normal
+    rise = (climb[1:] + climb[:-1]) / 2 * step
     weight = still / settings.sole_m**2
     curve, down = weight.sum(axis=1), -(weight * feet.gap).sum(axis=1)
     stiff = np.full(len(rise), 1.0 / settings.sole_m**2)
@@ -162,3 +135,19 @@ def _chained(
             banded[size - (column - row), column::size] = blocks[:, row, column]
     banded[0, size:] = np.repeat(-stiff, size)
     return solveh_banded(banded, right.ravel()).reshape(count, size)
+
+
+def _spread(curve: np.ndarray, stiff: np.ndarray) -> np.ndarray:
+    """Return the standard deviations of what `_chained` finds, (T, n).
+
+    A row is told by itself, by all rows before it and by all after it, each through its steps.
+    """
+    own = curve + PRIOR * np.eye(curve.shape[1])
+    every = own.copy()
+    for order in (slice(None), slice(None, None, -1)):
+        blocks, told = own[order], np.zeros_like(own)
+        for k, link in enumerate(stiff[order]):
+            known = np.linalg.inv(blocks[k] + told[k])
+            told[k + 1] = np.linalg.inv(known + np.eye(len(known)) / link)
+        every += told[order]
+    return np.sqrt(np.diagonal(np.linalg.inv(every), axis1=1, axis2=2))

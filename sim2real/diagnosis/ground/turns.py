@@ -3,6 +3,9 @@
 turn, spin = turned(time, imu, settings)    # (T, 4) quaternions, (T, 3) rad/s in the base
 """
 
+from itertools import accumulate
+from operator import mul
+
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
@@ -49,10 +52,7 @@ def _integrated(time: np.ndarray, spin: np.ndarray) -> Rotation:
     """Return orientations from the first row's on, (T,)."""
     middle = (spin[1:] + spin[:-1]) / 2 * np.diff(time)[:, None]
     steps = Rotation.from_rotvec(np.concatenate([np.zeros((1, 3)), middle]))
-    found = [steps[0]]
-    for k in range(1, len(time)):
-        found.append(found[-1] * steps[k])
-    return Rotation.concatenate(found)
+    return Rotation.concatenate([*accumulate(steps, mul)])
 
 
 def _upright(time: np.ndarray, turn: Rotation, imu: Imu, settings: Ground) -> Rotation:

@@ -21,7 +21,7 @@ from sim2real.diagnosis.data.windows import Joint, Window, cut_one
 from sim2real.diagnosis.ground.base import rotations
 from sim2real.diagnosis.ground.estimate import Estimate
 from sim2real.diagnosis.ground.pushes import is_pushed, rows_of
-from sim2real.diagnosis.ground.starts import Unknowns, clear_starts, moved, unknowns
+from sim2real.diagnosis.ground.starts import clear_starts, moved, unknowns
 from sim2real.diagnosis.ground.turns import back
 from sim2real.diagnosis.settings import Ground
 
@@ -89,7 +89,7 @@ def _window(data: Data, number: int, estimate: Estimate, rows: tuple[int, int, i
 
 
 def _started(
-    data: Data, windows: Sequence[Window], doubts: Sequence[Unknowns], amounts: np.ndarray
+    data: Data, windows: Sequence[Window], doubts: Sequence[np.ndarray], amounts: np.ndarray
 ) -> list[Window]:
     """Return windows (n,) whose starts are off by amounts (n, D) of the unknowns."""
     models = [data.models[window.model] for window in windows]
@@ -98,10 +98,10 @@ def _started(
 
 
 def _responses(
-    data: Data, doubts: Sequence[Unknowns], fixed: Sequence[Fixed]
+    data: Data, doubts: Sequence[np.ndarray], fixed: Sequence[Fixed]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return errors (W, T, M), and their change by one deviation of each unknown (W, T, M, D)."""
-    count, size = len(doubts), len(doubts[0].place)
+    count, size = len(doubts), doubts[0].shape[1]
     amounts = np.vstack([np.zeros(size), np.eye(size)])
     each = [k for k in range(count) for _ in amounts]
     some = [data.windows[k] for k in each]
@@ -113,26 +113,23 @@ def _responses(
 
 def _refined(
     data: Data,
-    doubts: Sequence[Unknowns],
+    doubts: Sequence[np.ndarray],
     error: np.ndarray,
     ways: np.ndarray,
     fixed: Sequence[Fixed],
 ) -> Data:
     """Return the data with starts from which the model follows better, where there are any."""
-    settings = data.settings.ground
-    known = np.array([doubt.known for doubt in doubts])  # (W, D)
-    noise = settings.error_rad
+    noise = data.settings.ground.error_rad
     flat = (ways / noise).reshape(len(ways), -1, ways.shape[3])
     rest = (error / noise).reshape(len(error), -1)
-    curve = np.einsum("wnd,wne->wde", flat, flat) + np.eye(known.shape[1]) * known[:, None] ** -2
+    curve = np.einsum("wnd,wne->wde", flat, flat) + np.eye(flat.shape[2])
     step = -np.linalg.solve(curve, np.einsum("wnd,wn->wd", flat, rest)[..., None])[..., 0]
-    step = np.clip(step, -settings.step_max, settings.step_max)
     best, cost = list(data.windows), (rest**2).sum(axis=1)
     for share in (1.0, HALF):
         amounts = share * step
         tried = _started(data, data.windows, doubts, amounts)
         left = (errors_as_given(data, tried, fixed) / noise).reshape(len(error), -1)
-        price = (left**2).sum(axis=1) + ((amounts / known) ** 2).sum(axis=1)
+        price = (left**2).sum(axis=1) + (amounts**2).sum(axis=1)
         for i in np.flatnonzero(price < cost):
             best[i], cost[i] = tried[i], price[i]
     return data.with_windows(best)

@@ -30,18 +30,17 @@ def check_grip(replayer: Replayer, floor: float) -> list[Finding]:
     own = [option for option in candidates(data, (), replayer.fixed) if option.name == NAME]
     if not own:
         return []
-    limits = data.settings.ground
     base, _ = replayer.follow(Hypothesis(()), np.zeros((count, 0)))
-    words = []
+    grips, words = data.settings.ground.grips, []
     for option in own:
-        moved = [np.tile(factor * option.neutral, (count, 1)) for factor in limits.grips]
+        moved = [np.tile(factor * option.neutral, (count, 1)) for factor in grips]
         errors = [replayer.follow(Hypothesis((option,)), values)[0] for values in moved]
         down, up = (_rms(error - base, data.mask) for error in errors)
-        if max(down, up) < limits.grip_floors * floor:
+        if max(down, up) < floor:
             words.append((option, "neither less nor more of it"))
-        elif up < limits.grip_floors * floor:
+        elif up < floor:
             words.append((option, "no more of it"))
-    return [_finding(option, change, limits.grips, floor) for option, change in words]
+    return [_finding(option, change, grips, floor) for option, change in words]
 
 
 def _rms(change: np.ndarray, mask: np.ndarray) -> float:

@@ -26,12 +26,11 @@ from sim2real.diagnosis.data.pairs import (
     unit_of,
     which,
 )
-from sim2real.diagnosis.data.recording import powered
 from sim2real.diagnosis.data.windows import reversals
 from sim2real.diagnosis.preflight.control_laws import check_duties, check_torques
 from sim2real.diagnosis.preflight.speeds import check_speeds
 from sim2real.diagnosis.schema import Finding
-from sim2real.diagnosis.settings import TINY, Settings
+from sim2real.diagnosis.settings import Settings
 
 MILLI = 1e-3
 Check = Callable[[Pairs, Settings], Iterator[Finding]]
@@ -102,7 +101,7 @@ def _loss(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
                 moving = np.minimum(np.abs(before), np.abs(after)) > limits.counts * count
                 lost += int(np.sum(same & moving & (before * after > 0)))
                 rows += len(part)
-        if rows and lost / rows > limits.lost_share:
+        if rows and lost / rows > limits.unreported:
             yield Finding(
                 "packet_loss",
                 joint,
@@ -112,7 +111,7 @@ def _loss(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
             )
     for log, _ in pairs:
         share = float(np.mean(~log.fresh))
-        if share > limits.lost_share:
+        if share > limits.unreported:
             yield Finding(
                 "packet_loss",
                 None,
@@ -152,7 +151,7 @@ def _ranged(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
     for log, model in pairs:
         for joint, limit in _ranges(model).items():
             q = log.columns.get(f"qpos.{joint}", np.zeros(1))
-            if float(np.abs(q).max()) > settings.preflight.beyond * limit:
+            if float(np.abs(q).max()) > limit + TURN / 2:  # any angle is nearer than that
                 found[joint] = (
                     f"{joint} runs from {q.min():.4g} to {q.max():.4g}, and its range ends at "
                     f"{limit:.3g} rad"
@@ -189,26 +188,20 @@ def _ranges(model: mujoco.MjModel) -> dict[str, float]:
     return found
 
 
-def _limits(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
-    """Commands that the model clamps, and rows at its limit of force."""
-    limits = settings.preflight
+def _clamped(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
+    """Commands that the model clamps."""
+    most = settings.preflight.unreported
     for name in actuators_of(pairs):
-        outside, held, rows, ratios = 0, 0, 0, []
+        outside, rows = 0, 0
         reach = (0.0, 0.0)
-        for log, model, index, joint in commands_of(pairs, name):
+        for log, model, index, _ in commands_of(pairs, name):
             ctrl = log.column(f"ctrl.{name}")
             rows += len(ctrl)
             if model.actuator_ctrllimited[index]:
                 low, high = reach = tuple(model.actuator_ctrlrange[index])
-                slack = limits.outside * (high - low)
+                slack = most * (high - low)
                 outside += int(np.sum((ctrl < low - slack) | (ctrl > high + slack)))
-            if model.actuator_forcelimited[index] and model.actuator_biasprm[index, 1] != 0:
-                size = np.abs(_least_force(log, model, index, joint))
-                most = float(model.actuator_forcerange[index, 1])
-                held += int(np.sum(powered(log, name) & (size >= most)))
-                often = float(np.quantile(size, 1 - limits.saturated_share))
-                ratios.append(min(most / max(often, TINY), 1.0))
-        if rows and outside / rows > limits.outside:
+        if rows and outside / rows > most:
             yield Finding(
                 "ctrlrange",
                 name,
@@ -216,31 +209,6 @@ def _limits(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
                 f"[{reach[0]:.3g}, {reach[1]:.3g}], and the engine clamps them.",
                 "Widen the range, or look at the command's unit and zero.",
             )
-        if rows and held / rows > limits.saturated_share:
-            yield Finding(
-                "saturation",
-                name,
-                f"At the errors that the robot had, the model's {name} would be at its limit of "
-                f"force in {held / rows:.0%} of the rows: the robot's gain is at most "
-                f"{min(ratios):.2g} times the model's, or its gain does not show and its limit "
-                "does.",
-                "Compare the model's kp and forcerange with the servo's; record smaller motions.",
-            )
-
-
-def _least_force(log: Log, model: mujoco.MjModel, index: int, joint: str) -> np.ndarray:
-    """Return the least force of the model's position servo that a log's rows tell, (T,).
-
-    A reading is taken between the command of the row before and that of its own, and at a speed
-    between rest and the change of positions: a stiff servo that follows steps of its command rests
-    between them. A speed's own column may have another unit.
-    """
-    gain, damping = model.actuator_gainprm[index, 0], model.actuator_biasprm[index, 2]
-    position, ctrl = log.column(f"qpos.{joint}"), log.column(f"ctrl.{model.actuator(index).name}")
-    errors = ctrl - position, np.append(ctrl[:1], ctrl[:-1]) - position
-    speeds = 0 * position, np.gradient(position, log.time)
-    forces = np.array([gain * error + damping * speed for error in errors for speed in speeds])
-    return np.maximum(forces.min(axis=0), 0.0) + np.minimum(forces.max(axis=0), 0.0)
 
 
 def _resolution(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
@@ -298,5 +266,5 @@ def _unsigned(pairs: Pairs, settings: Settings) -> Iterator[Finding]:
 
 CHECKS: tuple[Check, ...] = (
     *(_reading, _rate, _loss, _excitation, check_duties, check_speeds),
-    *(_ranged, _limits, _commands, _resolution, _unsigned, check_torques),
+    *(_ranged, _clamped, _commands, _resolution, _unsigned, check_torques),
 )

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from hardware.log import Log
-from sim2real.diagnosis.data.noise_floor import count_of, noise_floor, rounding
+from sim2real.diagnosis.data.noise_floor import count_of, noise_floor
 from sim2real.diagnosis.data.pairs import Pairs
 from sim2real.diagnosis.data.recording import columns_of
 from sim2real.diagnosis.data.trial import choose, trial
@@ -70,10 +70,8 @@ def preflight(
 
 def _noise(logs: Sequence[Log], settings: Settings) -> Iterator[Finding]:
     """Joints whose readings scatter by more than their counts."""
-    limits = settings.preflight
     for joint, floor in noise_floor(logs, settings).items():
-        least = rounding(max(count_of(logs, joint, settings), limits.count_min))
-        if floor > limits.noise * least:
+        if floor > max(count_of(logs, joint, settings), settings.preflight.count_min):
             yield Finding(
                 "noise",
                 joint,
@@ -97,7 +95,7 @@ def check_unlogged(
     for (log, model), spec in zip(pairs, specs, strict=True):
         places = [[f"qpos.{name}" for name in columns_of(model, i)[0]] for i in range(model.njnt)]
         missing = [i for i, own in enumerate(places) if not log.columns.keys() >= {*own}]
-        pieces = choose([log], trials.piece_s, trials.pieces) if missing else []
+        pieces = choose([log], trials.piece_s) if missing else []
         paths = trial(spec, [piece.recording(model) for piece in pieces]) if pieces else []
         for joint in missing:
             own = int(model.jnt_qposadr[joint]) + np.arange(len(places[joint]))

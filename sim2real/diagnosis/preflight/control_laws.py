@@ -105,7 +105,7 @@ def _is_law(actuator: str, settings: Preflight, log: Log, joint: str, column: st
     wanted = log.column(column)
     if wanted.min() >= 0 or np.ptp(wanted) < TINY or len(log) < settings.rows_min:
         return False
-    free = np.abs(wanted) < np.abs(wanted).max() * settings.saturated
+    free = (wanted > wanted.min()) & (wanted < wanted.max())  # within what may be its limits
     ctrl, q = log.column(f"ctrl.{actuator}"), log.column(f"qpos.{joint}")
     slopes = [np.gradient(part.column(f"qpos.{joint}"), part.time) for part in log.episodes()]
     speed = log.columns.get(f"qvel.{joint}", np.concatenate(slopes))
@@ -132,7 +132,7 @@ def _duty_gain(log: Log, actuator: str, joint: str, limits: Preflight) -> float 
     duty, on = log.column(found), powered(log, actuator)
     in_register = np.abs(duty).max() > np.sqrt(FULL_PWM)  # a share of full is at most 1
     duty = duty / (FULL_PWM if in_register else 1.0)
-    free = on & np.roll(on, 1) & (np.abs(duty) < limits.saturated)
+    free = on & np.roll(on, 1) & (duty > duty.min()) & (duty < duty.max())  # not at its limits
     y, q = duty[free], log.column(f"qpos.{joint}")[free]
     if len(y) < limits.rows_min:
         return None

@@ -115,7 +115,7 @@ def _each(
     """Yield the rows of each episode, and where an angle hunts in them, its servo on."""
     if actuator not in log.actuators:
         return
-    least, on = settings.hunting.counts * count_of([log], joint), powered(log, actuator)
+    least, on = settings.preflight.counts * count_of([log], joint), powered(log, actuator)
     command = log.column(f"ctrl.{actuator}")
     others = [log.column(f"ctrl.{name}") for name in log.actuators if name != actuator]
     for rows in episode_rows(log):
@@ -147,11 +147,9 @@ def hunting(
     shaken = [_turns(other, settings.windows.turn * float(np.ptp(other))) for other in others]
     found = _steady(time, angle, command, shaken, least, settings)
     large = max(least, settings.windows.turn * float(np.ptp(angle)))  # smaller: perhaps stick-slip
-    for rows in [round(width / row) for width in settings.hunting.faster_s]:
-        if rows > 1:
-            rest = [v - uniform_filter1d(v, rows, mode="nearest") for v in (angle, command)]
-            found += _steady(time, rest[0], rest[1], shaken, large, settings)
-    return _merged(found)
+    rows = max(round(settings.windows.kick_s / row), 1)
+    fast, asked = (v - uniform_filter1d(v, rows, mode="nearest") for v in (angle, command))
+    return _merged([*found, *_steady(time, fast, asked, shaken, large, settings)])
 
 
 def _steady(

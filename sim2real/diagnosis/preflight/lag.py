@@ -6,19 +6,20 @@ A lag that is there all the time is physics (a delay, friction, a filter), and l
 diagnosis. One that jumps means that something was changed, or failed, during the recording.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from itertools import count
+from math import comb
 
 import mujoco
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from envs.replay.recording import ROUNDING
 from hardware.log import Log
-from sim2real.diagnosis.data.pairs import Pairs, name_of
+from sim2real.diagnosis.data.pairs import Pairs, joints_of, name_of
 from sim2real.diagnosis.data.recording import HUNTING, episode_rows, is_flagged
-from sim2real.diagnosis.data.trial import Piece, piece, trial
+from sim2real.diagnosis.data.trial import piece, trial
 from sim2real.diagnosis.schema import Finding
-from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE, Preflight, Settings
+from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE, Settings
 
 MILLI = 1e-3
 Lags = dict[str, list[tuple[float, float]]]  # by joint: time [s] and lag [s] of windows
@@ -29,7 +30,7 @@ def check_lag(
 ) -> Iterator[Finding]:
     """Yield a finding for each log in which the lag jumps."""
     for (log, model), spec in zip(pairs, specs, strict=True):
-        jump = _jump(_lags(log, model, spec, settings), settings.preflight)
+        jump = _jump(_lags(log, model, spec, settings), settings)
         if jump is not None:
             time, before, after = jump
             yield Finding(
@@ -43,26 +44,21 @@ def check_lag(
 
 
 def _lags(log: Log, model: mujoco.MjModel, spec: mujoco.MjSpec, settings: Settings) -> Lags:
-    """Return a log's lags: of each joint in each window of an episode's first minute."""
-    found, pieces = Lags(), list(_starts(log, settings))
+    """Return a log's lags: of each joint in each window of episodes in which a jump can show."""
+    least = 2 * _fewest(settings) * settings.windows.longest_s
+    rows = [own for own in episode_rows(log) if np.ptp(log.time[own]) > least]
+    pieces, found = [piece(log, 0, own.start, own.stop) for own in rows], Lags()
     paths = trial(spec, [one.recording(model) for one in pieces]) if pieces else []
     for one, path in zip(pieces, paths, strict=True):
-        for i in range(model.njnt):
-            name = model.joint(i).name
-            if f"qpos.{name}" in one.log.columns and np.isfinite(path).all():
-                simulated = path[:, model.jnt_qposadr[i]]
-                found.setdefault(name, []).extend(_windows(name, one.log, simulated, settings))
+        for name in joints_of([(log, model)]):
+            simulated = path[:, int(model.joint(name).qposadr[0])]
+            found.setdefault(name, []).extend(_windows(name, one.log, simulated, settings))
     return found
 
 
-def _starts(log: Log, settings: Settings) -> Iterator[Piece]:
-    """Yield the first minute of each episode that is long enough."""
-    limits = settings.preflight
-    for own in episode_rows(log):
-        time = log.time[own] - log.time[own.start]
-        rows = int(np.searchsorted(time, limits.lag_episode_s - ROUNDING))
-        if time[rows - 1] > 2 * limits.lag_windows * settings.windows.longest_s:
-            yield piece(log, 0, own.start, own.start + rows)
+def _fewest(settings: Settings) -> int:
+    """Return how many windows a side, if all lags after are longer, are chance at `level` only."""
+    return next(n for n in count(1) if 1 / comb(2 * n, n) <= settings.inference.level)
 
 
 def _windows(
@@ -102,7 +98,7 @@ def _vertex(left: float, middle: float, right: float) -> float:
     return 0.0 if bend >= 0 else (left - right) / (2 * bend)
 
 
-def _jump(lags: Mapping[str, Sequence], limits: Preflight) -> tuple[float, float, float] | None:
+def _jump(lags: Lags, settings: Settings) -> tuple[float, float, float] | None:
     """Return when the lag jumps, and its medians before and after; None where it does not.
 
     Every joint that moves enough on both sides has to jump the same way, and no window of it may
@@ -110,10 +106,10 @@ def _jump(lags: Mapping[str, Sequence], limits: Preflight) -> tuple[float, float
     """
     joints = [np.array(windows).T for windows in lags.values() if windows]  # (2, n) each
     times = np.unique(np.concatenate([time for time, _ in joints])) if joints else np.zeros(0)
-    best, answer = limits.sigmas * limits.offset_s, None
+    best, answer = settings.preflight.sigmas * settings.preflight.offset_s, None
     for cut in (times[:-1] + times[1:]) / 2:
         sides = [(lag[time < cut], lag[time > cut]) for time, lag in joints]
-        sides = [pair for pair in sides if min(map(len, pair)) >= limits.lag_windows]
+        sides = [pair for pair in sides if min(map(len, pair)) >= _fewest(settings)]
         if not sides:
             continue
         up = min(after.min() - before.max() for before, after in sides)

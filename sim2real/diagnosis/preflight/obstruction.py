@@ -3,7 +3,7 @@
     logs, found = mark_blocked(logs, driven)    # rows get `flag.blocked`; a finding for each joint
 
 A servo that rests lets friction hold it, which can balance only so much of its effort. Where a
-joint stands still much further from its goal than at its other rests, and with far more current,
+joint stands still further from its goal than at its other rests, and with far more current,
 something else holds it. No effect on the robot explains such rows, and a fit that tries to is
 wrong everywhere else: they are left out, with what comes right before and after.
 
@@ -21,7 +21,7 @@ from hardware.log import Log
 from sim2real.diagnosis.data.pairs import name_of
 from sim2real.diagnosis.data.recording import BLOCKED, flagged, is_flagged, powered
 from sim2real.diagnosis.schema import Finding
-from sim2real.diagnosis.settings import DEFAULT, Obstruction, Settings
+from sim2real.diagnosis.settings import DEFAULT, Settings
 
 
 def positioned(log: Log, spec: mujoco.MjSpec) -> dict[str, str]:
@@ -50,11 +50,9 @@ def mark_blocked(
     for servo in driven.items():
         held = _held(logs, servo, settings)
         if any(rows.any() for rows in held):
-            findings.append(_finding(logs, servo, held, settings.obstruction))
-            flags = [
-                flag | _widened(log, rows, settings.obstruction.margin_s)
-                for flag, log, rows in zip(flags, logs, held, strict=True)
-            ]
+            findings.append(_finding(logs, servo, held, settings.obstruction.current))
+            for flag, log, rows in zip(flags, logs, held, strict=True):
+                flag |= _widened(log, rows, settings.windows.kick_s)
     return [flagged(log, BLOCKED, own) for log, own in zip(logs, flags, strict=True)], findings
 
 
@@ -63,12 +61,12 @@ def _held(logs: Sequence[Log], servo: tuple[str, str], settings: Settings) -> li
 
     None of any log where currents or positions are missing, or the joint hardly rests.
     """
-    columns, limits = {f"ctrl.{servo[0]}", f"qpos.{servo[1]}"}, settings.obstruction
+    columns = {f"ctrl.{servo[0]}", f"qpos.{servo[1]}"}
     currents = [c for log in logs if (c := _current(log, servo)) is not None]
     if len(currents) < len(logs) or not all(columns <= log.columns.keys() for log in logs):
         return []
     errors = [_error(log, servo) for log in logs]
-    rests = [_resting(log, servo, limits) for log in logs]
+    rests = [_resting(log, servo, settings) for log in logs]
     every = np.concatenate(rests)
     if every.sum() < settings.preflight.rows_min:
         return []
@@ -78,11 +76,11 @@ def _held(logs: Sequence[Log], servo: tuple[str, str], settings: Settings) -> li
     )
     if min(current, error) <= 0:
         return []
-    far = limits.error * (error + limits.still)  # a joint that rests may be off by that
+    much, far = settings.obstruction.current * current, error + settings.regimes.goal_error
     held = []
     for log, rest, own, off in zip(logs, rests, currents, errors, strict=True):
-        rows = rest & (own > limits.current * current) & (off > far)
-        held.append(rows & (_seconds(log, rows) >= 2 * limits.rest_s))
+        rows = rest & (own > much) & (off > far)
+        held.append(rows & (_seconds(log, rows) >= 2 * settings.obstruction.rest_s))
     return held
 
 
@@ -105,15 +103,14 @@ def _current(log: Log, servo: tuple[str, str]) -> np.ndarray | None:
     return None
 
 
-def _resting(log: Log, servo: tuple[str, str], settings: Obstruction) -> np.ndarray:
+def _resting(log: Log, servo: tuple[str, str], settings: Settings) -> np.ndarray:
     """Return in which rows a joint stands still with its torque on, (T,) bool."""
-    found = []
+    found, side, same = [], settings.obstruction.rest_s, settings.preflight.same_command
     for part in log.episodes():
         time, position = part.time, part.column(f"qpos.{servo[1]}")
-        sides = (-settings.rest_s, settings.rest_s)
-        first, last = (np.searchsorted(time, time + side - ROUNDING) for side in sides)
+        first, last = (np.searchsorted(time, time + s - ROUNDING) for s in (-side, side))
         spans = zip(first, np.minimum(last, len(time) - 1) + 1, strict=True)
-        found.append(np.array([np.ptp(position[a:b]) < settings.still for a, b in spans]))
+        found.append(np.array([np.ptp(position[a:b]) <= same for a, b in spans]))
     return np.concatenate(found) & powered(log, servo[0])
 
 
@@ -131,7 +128,7 @@ def _seconds(log: Log, rows: np.ndarray) -> float:
 
 
 def _finding(
-    logs: Sequence[Log], servo: tuple[str, str], held: Sequence[np.ndarray], settings: Obstruction
+    logs: Sequence[Log], servo: tuple[str, str], held: Sequence[np.ndarray], times: float
 ) -> Finding:
     log, rows = max(zip(logs, held, strict=True), key=lambda pair: int(pair[1].sum()))
     row = int(np.flatnonzero(rows)[0])
@@ -140,7 +137,7 @@ def _finding(
         "blocked",
         servo[1],
         f"{servo[1]} stands still {_error(log, servo)[row]:.2g} short of its goal, with more than "
-        f"{settings.current:g} times the current of its other rests, for {seconds:.1f} s in all, "
+        f"{times:g} times the current of its other rests, for {seconds:.1f} s in all, "
         f"first at {log.time[row]:.1f} s of {name_of(log)}: something is in its way.",
         "These moments are left out. Look at what the robot touches there; a log may flag such "
         f"rows itself, in a column {BLOCKED}.",

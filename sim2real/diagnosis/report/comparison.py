@@ -1,6 +1,6 @@
 """Two diagnoses side by side, as a page for a person.
 
-    write_comparison("comparison.html", earlier, later)
+    write_text("comparison.html", render(earlier, later))
 
 The same robot before and after a repair, two robots of one make, or one log under two models. It
 sets values and intervals side by side and tests nothing: intervals that do not overlap are
@@ -15,15 +15,9 @@ from typing import Any
 from sim2real.diagnosis.report import axes, html, provenance, svg, text
 from sim2real.diagnosis.schema import Cause, Report
 from sim2real.runs.errors import Sim2RealError
-from sim2real.runs.files import write_text
 
 FILE = "report.json"
 Key = tuple[str, str | None, str | None]
-
-
-def write_comparison(path: str | Path, earlier: Report, later: Report) -> Path:
-    """Write the page atomically; return its path."""
-    return write_text(path, render(earlier, later))
 
 
 def render(earlier: Report, later: Report) -> str:
@@ -50,7 +44,10 @@ def read_report(path: str | Path) -> Report:
 def view(earlier: Report, later: Report) -> dict[str, Any]:
     """Return the variables of the page template, by name."""
     pair = (earlier, later)
-    causes = _causes(pair)
+    both = [
+        {(c.effect, c.extra.get("body") or c.where, c.side): c for c in one.values} for one in pair
+    ]
+    causes = [_row(key, [one.get(key) for one in both]) for key in both[0] | both[1]]
     return {
         "pair": pair,
         "names": [", ".join(provenance.names(one.evidence.inputs)) for one in pair],
@@ -72,15 +69,8 @@ def _gap(report: Report, like: float) -> dict[str, str]:
     }
 
 
-def _causes(pair: Sequence[Report]) -> list[dict[str, Any]]:
-    """Return a row for each effect that either diagnosis gives a value."""
-    both = [
-        {(c.effect, c.extra.get("body") or c.where, c.side): c for c in one.values} for one in pair
-    ]
-    return [_row(key, [one.get(key) for one in both]) for key in both[0] | both[1]]
-
-
 def _row(key: Key, found: Sequence[Cause | None]) -> dict[str, Any]:
+    """Return the row of an effect to which one diagnosis or both give a value."""
     known = [cause for cause in found if cause is not None]
     unit, like = known[0].unit, known[0].value
     ends = [value for cause in known for value in (cause.value, *cause.value_ci)]

@@ -100,7 +100,7 @@ def view(report: Report) -> dict[str, Any]:
         "notes": [f for f in report.preflight if f.check in NOTES],
         "ladder": charts.ladder(report),
         "replay": _replay(report),
-        "robot": _robot(report, model),
+        "robot": robot_drawing.robot(model, {w.joint: w.share for w in report.where}),
         "strip": _strip(report),
         "causes": causes,
         "played": closed_loop.view(report),
@@ -146,14 +146,6 @@ def _model(report: Report) -> mujoco.MjModel | None:
         except ValueError:
             continue
     return None
-
-
-def _robot(report: Report, model: mujoco.MjModel | None) -> Markup:
-    """Return a drawing of the robot, if its model is there."""
-    if model is None:
-        return Markup("")
-    names = {model.joint(i).name for i in range(model.njnt)}
-    return robot_drawing.robot(model, {w.joint: w.share for w in report.where if w.joint in names})
 
 
 def _strip(report: Report) -> dict[str, Any]:

@@ -50,9 +50,8 @@ def write(spec: mujoco.MjSpec, effects: Sequence[Fixed], path: str | Path) -> di
 def mjcf_limitation(effect: Effect) -> str | None:
     """Return why MJCF cannot say an effect; None where it can."""
     reason = effect.mjcf_limitation()
-    if reason is None and isinstance(effect, FieldEffect):
-        known = effect.field in (*FIELDS, *INERTIA, GRAVITY)
-        return None if known else f"no MJCF element is known that holds {effect.field}"
+    if isinstance(effect, FieldEffect) and effect.field not in (*FIELDS, *INERTIA, GRAVITY):
+        return reason or f"no MJCF element is known that holds {effect.field}"
     return reason
 
 
@@ -70,7 +69,9 @@ def apply(spec: mujoco.MjSpec, effects: Sequence[Fixed]) -> mujoco.MjSpec:
     for name, (kind, attribute) in FIELDS.items():
         new, old = plant.batch.expanded(name), getattr(model, name)
         if new is not None:
-            for element, row in zip(_elements(changed, kind), _rows(name, model), strict=True):
+            # of dofs one row each: a joint's first speaks for all of them
+            rows = model.jnt_dofadr if name.startswith("dof_") else range(len(old))
+            for element, row in zip(_elements(changed, kind), rows, strict=True):
                 if not np.array_equal(old[row], new[0][row]):
                     _put(element, attribute, new[0][row])
     _inertias(changed, model, plant)
@@ -82,13 +83,6 @@ def apply(spec: mujoco.MjSpec, effects: Sequence[Fixed]) -> mujoco.MjSpec:
     for effect, values in own:
         effect.to_mjcf(changed, model, values)
     return changed
-
-
-def _rows(name: str, model: mujoco.MjModel) -> list[int]:
-    """Return the row of each element in a model's field, in the elements' order."""
-    if name.startswith("dof_"):  # one row a dof: a joint's first speaks for all of them
-        return model.jnt_dofadr.tolist()
-    return list(range(len(getattr(model, name))))
 
 
 def _elements(spec: mujoco.MjSpec, kind: str) -> list[Any]:

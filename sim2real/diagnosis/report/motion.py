@@ -31,8 +31,8 @@ def skeleton(model: mujoco.MjModel) -> dict[str, Any]:
     home = robot_drawing.at_home(model)
     bodies = [_body(model, home, number) for number in range(1, model.nbody)]
     shapes = [
-        {"body": int(model.geom_bodyid[i]) - 1, "points": _rounded(points), "radius": radius}
-        for i, points, radius in robot_drawing.outlines(model)
+        {"body": body - 1, "points": _rounded(points), "radius": radius}
+        for _, body, points, radius in robot_drawing.outlines(model)
     ]
     return {"bodies": bodies, "shapes": shapes[:MOST]}
 

@@ -63,12 +63,9 @@ def flat(tree: Mapping[str, Any], head: str = "") -> list[tuple[str, str]]:
         title = head + (own.replace("_", " ") if own.isidentifier() else _short(own))
         if isinstance(value, Mapping):
             lines += flat(value, f"{title}: ")
-        elif key in ("logs", "models"):
-            lines.append((title, ", ".join(map(_short, value)) or "none"))
-        elif isinstance(value, list | tuple):
-            lines.append((title, number(value) or "none"))
         else:
-            lines.append((title, "none" if value is None else number(value)))
+            shown = [_short(path) for path in value] if key in ("logs", "models") else value
+            lines.append((title, ("" if shown is None else number(shown)) or "none"))
     return lines
 
 

@@ -7,6 +7,7 @@ little-endian and in base64, so that an hour of a robot stays a page that can be
 """
 
 import base64
+import json
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -19,7 +20,7 @@ from sim2real.diagnosis.schema import Report
 from sim2real.diagnosis.settings import TINY
 
 LONGEST = 20_000  # rows of a recording
-BUDGET = 1_500_000  # numbers in all
+BUDGET = 4_000_000  # characters of all recordings
 STEPS, NOTHING = 65_000, 65_535  # between the smallest and the largest value; what stands for NaN
 FLOOR_DIGITS = 6
 
@@ -38,10 +39,11 @@ def recordings(report: Report) -> tuple[list[dict[str, Any]], int]:
     found, count = [], 0
     for key in order:
         signals = [s for s in evidence.signals if (s.log, s.episode) == key]
-        count += _size(groups[key], signals)
+        one = _recording(groups[key], signals)
+        count += len(json.dumps(one))
         if found and count > BUDGET:
             break
-        found.append(_recording(groups[key], signals))
+        found.append(one)
     return found, len(groups)
 
 
@@ -53,26 +55,15 @@ def relative(trace: Trace) -> float:
     return whole.error("nominal") / max(float(trace.measured.std()), TINY)
 
 
-def _size(traces: Sequence[Trace], signals: Sequence[Signal]) -> int:
-    """Return how many numbers a recording has on the page."""
-    rows = math.ceil(len(traces[0].time) / _stride(traces[0].time))
-    lines = sum(2 + max(len(trace.subsets), len(svg.lines(trace))) for trace in traces)
-    return rows * (lines + len(signals))
-
-
-def _stride(time: np.ndarray) -> int:
-    return max(1, math.ceil(len(time) / LONGEST))
-
-
 def _recording(traces: Sequence[Trace], signals: Sequence[Signal]) -> dict[str, Any]:
     first = traces[0]
-    part = slice(None, None, _stride(first.time))
-    starts = np.unique(np.searchsorted(np.arange(len(first.time))[part], first.starts))
+    stride = max(1, math.ceil(len(first.time) / LONGEST))
+    part = slice(None, None, stride)
     return {
         "label": f"{first.log}, episode {first.episode}",
         "log": first.log,
         "episode": first.episode,
-        "starts": starts.tolist(),
+        "starts": np.unique(-(-first.starts // stride)).tolist(),  # the next row that is kept
         "joints": [_joint(trace, part) for trace in traces],
         "signals": [
             {key: getattr(signal, key) for key in ("kind", "actuator", "unit", "joint")}
@@ -95,13 +86,11 @@ def _joint(trace: Trace, part: slice) -> dict[str, Any]:
 
 def _lines(trace: Trace) -> Mapping[str, np.ndarray]:
     """Return the simulated lines by the causes in the model: "" for none, "0,1", "all"."""
-    named = {",".join(map(str, sorted(some))): line for some, line in trace.subsets.items()}
+    most, parts = max(map(len, trace.subsets), default=0), trace.subsets.items()
+    named = {",".join(map(str, sorted(some))): line for some, line in parts if len(some) < most}
     named[""] = trace.nominal
     if len(svg.lines(trace)) > 2:
         named["all"] = trace.corrected
-    whole = max(trace.subsets, key=len, default=frozenset())
-    if whole:
-        del named[",".join(map(str, sorted(whole)))]
     return named
 
 

@@ -55,8 +55,8 @@ def write_rerun(path: str | Path, gaps: Mapping[str, Sequence[Gap]], spec: mujoc
 def _log(rr: Any, stream: Any, model: mujoco.MjModel, gap: Gap, lines: Mapping[str, Any]) -> None:
     """Send every episode of a log: shapes once, and in each row where bodies and joints are."""
     places = list(positions(gap.log, model).values())
-    shapes = [(int(model.geom_bodyid[one[0]]), *one) for one in robot_drawing.outlines(model)]
-    bodies = {body: model.body(body).name or body for body, *_ in shapes}
+    shapes = list(robot_drawing.outlines(model))
+    bodies = {body: model.body(body).name or body for _, body, *_ in shapes}
     for episode in np.unique(gap.log.episode):
         rows = gap.log.episode == episode
         place = f"{name_of(gap.log, 'log')}/episode {episode}"
@@ -67,7 +67,7 @@ def _log(rr: Any, stream: Any, model: mujoco.MjModel, gap: Gap, lines: Mapping[s
                 poses = rr.Transform3D.columns(translation=at[:, body], quaternion=turned[:, body])
                 where = f"{place}/robot/{kind}/{called}"
                 rr.send_columns(where, clock, poses, recording=stream)
-            for body, geom, points, radius in shapes:
+            for geom, body, points, radius in shapes:
                 where = f"{place}/robot/{kind}/{bodies[body]}/shape {geom}"
                 stream.log(where, _shape(rr, points, radius, COLOURS[kind]), static=True)
             for i, joint in enumerate(gap.joints):

@@ -9,7 +9,7 @@ graphics library is needed. Where a model has meshes, their boxes stand for them
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -39,9 +39,6 @@ MIDDLE = np.zeros((1, 3))  # of a sphere
 PLANES = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 
 
-_Place = Callable[[np.ndarray], np.ndarray]  # where a projected point is in the picture
-
-
 class _Shape(NamedTuple):
     """A geom as seen: its points (n, 2), its radius where it is round, and how far away it is."""
 
@@ -50,17 +47,20 @@ class _Shape(NamedTuple):
     depth: float
 
 
-def robot(model: mujoco.MjModel, shares: Mapping[str, float]) -> Markup:
-    """Draw the robot in its keyframe `home`, else by default; joints of `shares` are marked."""
-    data = at_home(model)
+def robot(model: mujoco.MjModel | None, shares: Mapping[str, float]) -> Markup:
+    """Draw the robot in its keyframe `home`, else by default; its joints in `shares` are marked."""
+    if model is None:
+        return Markup("")
+    data, own = at_home(model), {model.joint(i).name for i in range(model.njnt)}
+    shares = {name: share for name, share in shares.items() if name in own}
     shapes = sorted(_shapes(model, data), key=lambda shape: -shape.depth)
     joints = {name: _seen(data.xanchor[model.joint(name).id])[0] for name in shares}
     if not shapes or not joints:
         return Markup("")
-    place, scale = _fit(shapes, list(joints.values()))
-    parts = [_draw(shape, place, scale) for shape in shapes]
-    marks = {name: place(point) for name, point in joints.items()}
-    parts += list(_marks(marks, shares))
+    scale, shift = _fit(shapes, list(joints.values()))
+    placed = (_Shape(s.points * scale + shift, s.radius * scale, s.depth) for s in shapes)
+    marks = {name: point * scale + shift for name, point in joints.items()}
+    parts = [*map(_draw, placed), *_marks(marks, shares)]
     listed = ", ".join(f"{name} {text.percent(share)}" for name, share in shares.items())
     head = Markup(
         '<svg class="plot robot" viewBox="0 0 {:.0f} {:.0f}" role="img"'
@@ -77,8 +77,8 @@ def at_home(model: mujoco.MjModel) -> mujoco.MjData:
     return data
 
 
-def outlines(model: mujoco.MjModel) -> Iterator[tuple[int, np.ndarray, float]]:
-    """Yield the geoms that a person would see, but the ground.
+def outlines(model: mujoco.MjModel) -> Iterator[tuple[int, int, np.ndarray, float]]:
+    """Yield the geoms that a person would see, but the ground, and their bodies.
 
     Each with its points in its body's frame (n, 3): the middle of a sphere, the ends of a capsule,
     else corners; and its radius [m], 0 where points are corners.
@@ -94,7 +94,7 @@ def outlines(model: mujoco.MjModel) -> Iterator[tuple[int, np.ndarray, float]]:
             points, radius = np.outer([-size[1], size[1]], (0, 0, 1)), float(size[0])
         else:
             points, radius = _corners(model, i), 0.0
-        yield i, model.geom_pos[i] + turn.apply(points), radius
+        yield i, int(model.geom_bodyid[i]), model.geom_pos[i] + turn.apply(points), radius
 
 
 def _seen(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -108,8 +108,7 @@ def _seen(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _shapes(model: mujoco.MjModel, data: mujoco.MjData) -> Iterator[_Shape]:
     """Yield the geoms that a person would see, but the ground."""
-    for i, points, radius in outlines(model):
-        body = int(model.geom_bodyid[i])
+    for i, body, points, radius in outlines(model):
         seen = _seen(data.xpos[body] + points @ data.xmat[body].reshape(3, 3).T)[0]
         depth = float(_seen(data.geom_xpos[i])[1])
         yield _Shape(seen if radius else _hull(seen), radius, depth)
@@ -133,22 +132,22 @@ def _hull(points: np.ndarray) -> np.ndarray:
         return points
 
 
-def _fit(shapes: Sequence[_Shape], joints: Sequence[np.ndarray]) -> tuple[_Place, float]:
-    """Return how points come into the picture, and the size of a metre there."""
+def _fit(shapes: Sequence[_Shape], joints: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
+    """Return the size of a metre in the picture, and the shift of points of that size, (2,)."""
     low = np.min([*(s.points.min(axis=0) - s.radius for s in shapes), *joints], axis=0)
     high = np.max([*(s.points.max(axis=0) + s.radius for s in shapes), *joints], axis=0)
     size, middle = np.array([WIDTH, HEIGHT]), (low + high) / 2
     room = size - 2 * np.array([LABEL, MARGIN])
     scale = float((room / np.maximum(high - low, SMALLEST)).min())
-    return lambda points: (points - middle) * scale + size / 2, scale
+    return scale, size / 2 - middle * scale
 
 
-def _draw(shape: _Shape, place: _Place, scale: float) -> Markup:
-    points = "L".join(f"{x:.1f} {y:.1f}" for x, y in place(shape.points))
+def _draw(shape: _Shape) -> Markup:
+    points = "L".join(f"{x:.1f} {y:.1f}" for x, y in shape.points)
     if shape.radius == 0:
         return Markup('<path class="part" d="M{}Z"/>').format(points)
     points += "Z" if len(shape.points) == 1 else ""
-    width = max(2 * shape.radius * scale, THINNEST)
+    width = max(2 * shape.radius, THINNEST)
     line = Markup('<path class="{}" stroke-width="{:.1f}" d="M{}"/>')
     return line.format("edge", width + EDGE, points) + line.format("limb", width, points)
 

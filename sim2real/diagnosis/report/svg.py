@@ -97,15 +97,18 @@ def window(piece: Piece, title: str) -> Markup:
     values = {line: getattr(trace, line)[index] for line in names}
     errors = {line: scale * (values[line] - values["measured"]) for line in names[1:]}
     x = Axis(piece.start, piece.end, LEFT, WIDTH - EDGE)
-    upper = Axis(*_limits([*values.values()]), TOP + MAIN, TOP)
+    shown = np.concatenate([*values.values()])
+    low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
+    room = max(ROOM * (high - low), LEAST)
+    upper = Axis(low - room, high + room, TOP + MAIN, TOP)
     base = TOP + MAIN + GAP
     band = 2 * floor * scale
     lower = _errors([*errors.values()], band, base)
     runs = _runs(trace, index)
+    sides = x(np.array([piece.start, piece.end, piece.end, piece.start]))
     parts = [_restarts(piece, x, base + ERROR)]
     parts += [_frame(x, upper, labels=False), _frame(x, lower, labels=True)]
-    flat = np.array([band, band])
-    parts.append(_band(x(np.array(piece[1:])), lower(-flat), lower(flat)))
+    parts.append(_line(sides, lower(band * np.array([-1, -1, 1, 1])), "band", "Z"))
     parts.append(_line(x(time), upper(values["measured"]), "measured"))
     for line in names[1:]:
         parts += [_line(x(time[run]), upper(values[line][run]), line) for run in runs]
@@ -143,13 +146,6 @@ def _restarts(piece: Piece, x: Axis, bottom: float) -> Markup:
     return Markup("").join(line.format(at, TOP, bottom) for at in x(inside))
 
 
-def _limits(values: Sequence[np.ndarray]) -> tuple[float, float]:
-    every = np.concatenate(values)
-    low, high = float(np.nanmin(every)), float(np.nanmax(every))
-    room = max(ROOM * (high - low), LEAST)
-    return low - room, high + room
-
-
 def _frame(x: Axis, y: Axis, labels: bool) -> Markup:
     """Draw grid lines and numbers; those of time below the lower plot only."""
     out = []
@@ -166,17 +162,9 @@ def _frame(x: Axis, y: Axis, labels: bool) -> Markup:
     return Markup("").join(out)
 
 
-def _line(x: np.ndarray, y: np.ndarray, kind: str) -> Markup:
-    return Markup('<path class="{}" d="M{}"/>').format(kind, _points(x, y))
-
-
-def _band(x: np.ndarray, low: np.ndarray, high: np.ndarray) -> Markup:
-    there, back = _points(x, low), _points(x[::-1], high[::-1])
-    return Markup('<path class="band" d="M{}L{}Z"/>').format(there, back)
-
-
-def _points(x: np.ndarray, y: np.ndarray) -> str:
-    return "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True))
+def _line(x: np.ndarray, y: np.ndarray, kind: str, end: str = "") -> Markup:
+    points = "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True))
+    return Markup('<path class="{}" d="M{}{}"/>').format(kind, points, end)
 
 
 def _upright(y: float, text: str) -> Markup:

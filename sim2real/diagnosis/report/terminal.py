@@ -52,13 +52,9 @@ def format_verdict(report: Report, coloured: bool = False) -> str:
 def align(rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> list[str]:
     """Return rows of cells as lines of aligned columns, those of `right` at their right ends."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    sides = [str.rjust if n in right else str.ljust for n in range(len(widths))]
-    lines = []
-    for row in rows:
-        columns = zip(sides, row, widths, strict=True)
-        cells = [side(cell, width) for side, cell, width in columns]
-        lines.append((" " * GUTTER).join(cells).rstrip())
-    return lines
+    cells = [f"{{:{'>' if n in right else '<'}{width}}}" for n, width in enumerate(widths)]
+    line = (" " * GUTTER).join(cells)
+    return [line.format(*row).rstrip() for row in rows]
 
 
 def _gap(report: Report) -> Iterator[tuple[str, str]]:

@@ -40,8 +40,8 @@ def quantity(value: float | None, unit: str, like: float | None = None) -> str:
     """
     if value is None:
         return "–"
-    name = scaling(unit, value if like is None else like)[1]
-    number = _number(value, unit, value if like is None else like)
+    like = value if like is None else like
+    number, name = _number(value, unit, like), scaling(unit, like)[1]
     return f"{number}\N{NO-BREAK SPACE}{name}" if name else number
 
 

@@ -14,10 +14,10 @@ from collections.abc import Iterator, Mapping, Sequence
 import mujoco
 import numpy as np
 
-from envs.effects.servo import is_joint_servo
+from envs.effects.servo import is_servo
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.data.pairs import name_of
+from sim2real.diagnosis.data.pairs import driven_by, name_of, unit_of
 from sim2real.diagnosis.data.recording import episode_rows
 from sim2real.diagnosis.evidence import Kind, Signal, Trace
 
@@ -36,12 +36,10 @@ def traces(data: Data, errors: Errors, floors: np.ndarray) -> tuple[Trace, ...]:
             are there.
         floors: noise floor of each joint [rad or m], (M,).
     """
-    return tuple(
-        trace
-        for number, log in enumerate(data.logs)
-        for rows in episode_rows(log)
-        for trace in _traces(data, errors, floors, number, rows)
+    episodes = (
+        (number, rows) for number, log in enumerate(data.logs) for rows in episode_rows(log)
     )
+    return tuple(trace for one in episodes for trace in _traces(data, errors, floors, *one))
 
 
 def _traces(
@@ -80,16 +78,15 @@ def signals(logs: Sequence[Log], models: Sequence[mujoco.MjModel]) -> tuple[Sign
             for column, values in log.columns.items():
                 kind, _, actuator = column.partition(".")
                 if kind in KINDS:
-                    own = _driven(model, actuator) if kind == "ctrl" else (UNITS[kind], None)
+                    own = (UNITS[kind], None) if kind in UNITS else _driven(log, model, actuator)
                     line = log.time[rows], values[rows]
                     found.append(Signal(*about, KINDS[kind], actuator, *own, *line))
     return tuple(found)
 
 
-def _driven(model: mujoco.MjModel, actuator: str) -> tuple[str, str | None]:
+def _driven(log: Log, model: mujoco.MjModel, actuator: str) -> tuple[str, str | None]:
     """Return the joint whose position an actuator's command is, after its unit; None for none."""
-    number = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, actuator)
-    if number < 0 or not is_joint_servo(model, number):
+    own = driven_by(model, actuator)
+    if own is None or not is_servo(model, own[0]):
         return "", None
-    joint = model.joint(int(model.actuator_trnid[number, 0]))
-    return "m" if joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE else "rad", joint.name
+    return unit_of([(log, model)], own[1]), own[1]

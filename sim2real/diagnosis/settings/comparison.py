@@ -42,23 +42,11 @@ class Compared:
         "fraction of rows with equal commands above which logs show the same motion",
         JUDGED,
     )
-    weight_floor: float = setting(
-        0.5,
-        "1",
-        "smallest noise by which a piece of a log is weighted, relative to the median",
-        JUDGED,
-    )
     apart: float = setting(
         0.05,
         "1",
         "smallest fraction of an effect's response that no other effect reproduces",
         "measured: of 15 % more friction at one of two joints that became warmer, 0.07 to 0.7",
-    )
-    step: float = setting(
-        0.2,
-        "1",
-        "finite difference of factors and tilts, relative to their smallest probe",
-        "derived: the smallest probe of a factor is a quarter, changes are some per cent",
     )
     worth: float = setting(
         1.1,
@@ -73,9 +61,6 @@ class Compared:
         "1",
         "smallest response of a reported change, relative to the response to other differences",
         "measured: of 12 pairs with 15 % more friction at one joint the smallest had 1.1",
-    )
-    shared_worth: float = setting(
-        0.1, "1", "smallest fraction of the gap that an effect of both sides must close", JUDGED
     )
     warm_friction: float = setting(
         0.01,

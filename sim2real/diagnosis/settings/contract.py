@@ -13,19 +13,14 @@ ODDS = 20.0  # between faults that are alternatives
 class Contract:
     """When `contract` names a fault; a misfit is a number's RMS error, relative to its spread."""
 
-    suspect: float = setting(0.01, "1", "misfit above which faults are searched for", JUDGED)
-    floor: float = setting(2e-3, "1", "misfit below which fits count as equally good", JUDGED)
+    suspect: float = setting(
+        5e-3, "1", "misfit below which numbers agree, and fits count as equally good", JUDGED
+    )
     unexplained: float = setting(
         0.05, "1", "remaining misfit above which a term is reported as unexplained", JUDGED
     )
     margin: float = setting(
         0.5, "1", "a fault is named only if it reduces the misfit to at most this fraction", JUDGED
-    )
-    effective_rows: int = setting(
-        30, "1", "number of independent rows that is assumed when faults are compared", JUDGED
-    )
-    free_price: float = setting(
-        1.5, "1", "evidence that a fault with a fitted value needs, relative to one without", JUDGED
     )
     still: float = setting(
         0.01, "1", "standard deviation below which a number is constant, before scaling", JUDGED
@@ -34,7 +29,10 @@ class Contract:
         4, "1", "largest age of an observation or action that is tried, in control steps", COST
     )
     rows_min: int = setting(
-        20, "1", "smallest number of rows, and number of blocks of rows that are resampled", JUDGED
+        20,
+        "1",
+        "smallest number of rows; a log of any length counts as so many independent ones",
+        JUDGED,
     )
 
     @property
@@ -58,7 +56,15 @@ class Contract:
 
         That of reducing the RMS misfit of one number by `margin`.
         """
-        return -self.effective_rows * math.log(self.margin)
+        return -self.rows_min * math.log(self.margin)
+
+    @property
+    def free_price(self) -> float:
+        """Price of a change with a fitted value, in that of one without.
+
+        The fit may be better by `alike` by chance, and is then no alternative yet: twice that.
+        """
+        return 1 + 2 * self.alike / self.price
 
     @property
     def alike(self) -> float:

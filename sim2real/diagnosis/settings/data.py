@@ -9,9 +9,6 @@ from sim2real.diagnosis.settings.base import COST, DEVELOPED, JUDGED, setting
 class NoiseFloor:
     """The noise floor: resolution of the encoders, and scatter of repeated motions."""
 
-    steps_min: int = setting(
-        5, "1", "smallest number of different steps from which a resolution is inferred", JUDGED
-    )
     whole_error: float = setting(
         0.02, "1", "largest deviation of a step from a whole number of encoder counts", JUDGED
     )
@@ -36,8 +33,12 @@ class Windows:
     windows_usual: int = setting(
         12, "1", "intended number of windows; more if they would exceed `longest_s`", DEVELOPED
     )
-    windows_max: int = setting(
-        40, "1", "number of windows above which slow motions get windows beyond `longest_s`", COST
+    windows_min: int = setting(
+        40,
+        "1",
+        "smallest number of windows that are left where slow motions lengthen them beyond "
+        "`longest_s`, and of bootstrap blocks that are left where coherent errors lengthen them",
+        "derived: what shows in a tenth of the blocks is drawn again in 19 of 20 resamples",
     )
     state_s: float = setting(
         0.25, "s", "length of a window if no position servo corrects a joint's errors", DEVELOPED
@@ -58,7 +59,9 @@ class Windows:
         "s",
         "time after a servo is switched on (logs lack the exact moment), and after its loop has "
         "hunted, that is not compared; time after a change of direction that belongs to the "
-        "reversal",
+        "reversal; time after which an unchanged command counts as held; time before and "
+        "after an obstruction that is excluded as well; width of the moving average that is "
+        "subtracted to see fast oscillations",
         DEVELOPED,
     )
     reach: float = setting(
@@ -84,12 +87,8 @@ class Simulation:
     piece_s: float = setting(
         5.0, "s", "length of the pieces of a log that are replayed to test the model", COST
     )
-    pieces: int = setting(4, "1", "number of these pieces", COST)
     strengths: tuple[float, ...] = setting(
         (0.5, 0.2, 0.07), "1", "motor strengths at which loads are simulated, decreasing", DEVELOPED
-    )
-    heat_passes: int = setting(
-        2, "1", "number of times that loads are simulated again with weaker motors", DEVELOPED
     )
 
 
@@ -98,18 +97,9 @@ class Regimes:
     """The regimes of motion in which an error may occur, such as reversals or high load."""
 
     rest_speed: float = setting(0.05, "rad/s", "speed below which a joint is at rest", JUDGED)
-    held_s: float = setting(
-        0.5, "s", "time after which an unchanged command counts as held", JUDGED
-    )
     smoothing_s: float = setting(0.06, "s", "width of the moving average of speeds", JUDGED)
     goal_error: float = setting(
         0.01, "rad", "position error below which a joint is at its goal", JUDGED
-    )
-    load_none: float = setting(
-        0.1, "1", "fraction of the largest gravity load below which a joint is unloaded", JUDGED
-    )
-    rare: float = setting(
-        0.98, "1", "quantile used as the maximum; small values are below half of it", JUDGED
     )
 
 
@@ -125,12 +115,6 @@ class Bootstrap:
         DEVELOPED,
     )
     draws: int = setting(400, "1", "number of resamples", COST)
-    blocks_min: int = setting(
-        32,
-        "1",
-        "smallest number of blocks; it limits their length",
-        "derived: what shows in a tenth of them is drawn again in 19 of 20 resamples",
-    )
 
 
 @dataclass(frozen=True)
@@ -142,7 +126,4 @@ class Numerics:
     )
     change_min: float = setting(
         0.005, "1", "smallest change of the motion that matters, relative to the motion", DEVELOPED
-    )
-    gain_left: float = setting(
-        0.25, "1", "smallest fraction of an effect's gain left with better numerics", DEVELOPED
     )

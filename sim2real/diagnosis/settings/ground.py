@@ -17,17 +17,11 @@ class Ground:
     gap_m: float = setting(
         0.004, "m", "gap under a foot at which its contact weight has fallen to 37 %", GAIT
     )
-    leave_m: float = setting(
-        5e-4,
-        "m",
-        "height above the ground contact at which the base is in flight",
-        "derived: encoder counts",
-    )
     slip_m_s: float = setting(
         0.2,
         "m/s",
-        "speed above which a foot slips; at this speed, its weight as a standing foot is "
-        "half its contact weight",
+        "speed above which a foot slips, where its weight as a standing foot is half its contact "
+        "weight; smallest standard deviation of the base's estimated speed",
         GAIT,
     )
     sole_m_s: float = setting(
@@ -36,7 +30,7 @@ class Ground:
     sole_m: float = setting(
         0.002,
         "m",
-        "standard deviation of a standing foot's height, and of the base's change of height "
+        "standard deviation of a standing foot's height, of the base's height and of its change "
         "between rows",
         GAIT,
     )
@@ -46,78 +40,46 @@ class Ground:
         "standard deviation of the base's acceleration while feet touch the ground",
         GAIT,
     )
-    flight_m_s2: float = setting(
+    felt_m_s2: float = setting(
         2.0,
         "m/s²",
-        "standard deviation of the base's acceleration from free fall, in flight",
-        JUDGED,
-    )
-    felt_m_s2: float = setting(
-        3.0,
-        "m/s²",
-        "standard deviation of the base's acceleration from its accelerometer's reading",
+        "standard deviation of the base's acceleration from its accelerometer's reading, or from "
+        "free fall in flight",
         JUDGED,
     )
     upright_s: float = setting(
         1.0, "s", "averaging time of the accelerometer, whose mean points up", JUDGED
     )
-    bend_doubt: float = setting(
-        0.1,
-        "1",
-        "standard deviation of a joint's speed, relative to its change between rows",
-        JUDGED,
-    )
     speed_doubt: float = setting(
         0.05,
         "rad/s",
-        "smallest standard deviation of a joint's speed, and standard deviation of the base's "
-        "angular velocity from an IMU",
-        JUDGED,
-    )
-    walk_doubt: tuple[float, float] = setting(
-        (0.15, 0.4),
-        "m/s",
-        "smallest and largest standard deviation of the base's estimated speed",
+        "standard deviation of the base's angular velocity from an IMU; where a speed is a slope "
+        "of positions, its RMS change between rows is added",
         JUDGED,
     )
     window_s: float = setting(
         0.3, "s", "length of a window that starts from an estimated base", GAIT
     )
-    height_doubt: float = setting(
-        0.003, "m", "standard deviation of the base's estimated height", JUDGED
-    )
-    turn_doubt: float = setting(
-        0.005, "rad", "standard deviation of the base's orientation from an IMU", JUDGED
-    )
-    late_doubt: float = setting(
-        0.02,
-        "s",
-        "assumed delay of readings; multiplied by a joint's RMS speed, it adds to the "
-        "standard deviation of its position",
-        JUDGED,
-    )
     error_rad: float = setting(
         0.002,
         "rad",
-        "standard deviation of a measured position and of the IMU's orientation",
+        "standard deviation of a measured position and of the base's orientation from an IMU",
         JUDGED,
     )
     told_rad: float = setting(
         0.02,
         "rad",
-        "smallest reported tilt of the ground, gyro bias [rad/s] and orientation error of a "
-        "pushed window",
+        "smallest reported tilt of the ground, error of a gyro [rad/s] and orientation error of a "
+        "pushed window; standard deviation of an orientation without an IMU",
         JUDGED,
     )
     told_share: float = setting(
         0.1,
         "1",
-        "smallest reported scale error of a gyro and fraction of slipping contact; largest "
-        "fraction of windows that may count as pushed",
+        "smallest reported error of a gyro, relative to its motion, fraction of slipping contact, "
+        "and gain of the feet's evenness by a tilt of the ground; largest fraction of windows that "
+        "may count as pushed, and of rows in which a resting robot may lean out",
         JUDGED,
-    )
-    step_max: float = setting(
-        3.0, "1", "largest correction of an initial state, in standard deviations", JUDGED
     )
     grips: tuple[float, float] = setting(
         (0.7, 1.5),
@@ -125,40 +87,13 @@ class Ground:
         "friction coefficients of the feet that are tried, relative to the model",
         JUDGED,
     )
-    grip_floors: float = setting(
-        0.5, "1", "smallest change of the motion that identifies friction, in noise floors", JUDGED
-    )
-    stands: float = setting(
-        0.5, "1", "contact weight above which a foot touches the ground, or stands on it", JUDGED
-    )
-    late_s: float = setting(
-        0.004,
-        "s",
-        "smallest latency of a gyro relative to the orientation that is reported",
-        JUDGED,
-    )
     tilt_most: float = setting(0.15, "rad", "largest tilt of the ground that is tried", JUDGED)
-    tilt_better: float = setting(
-        0.7,
-        "1",
-        "a tilt is reported if it reduces the height difference of the two lowest feet "
-        "below this fraction",
-        JUDGED,
-    )
-    push_times: float = setting(
-        8.0, "1", "smallest orientation error of a pushed window, relative to the median", JUDGED
-    )
-    lean_margin: float = setting(
-        0.05,
-        "1",
-        "largest distance of the centre of mass from a triangle of standing feet, as a barycentric "
-        "coordinate",
-        JUDGED,
-    )
-    lean_most: float = setting(0.8, "rad", "largest tilt of a robot that rests on its feet", JUDGED)
-    lean_spin_doubt: float = setting(
+    lean_rad_s: float = setting(
         0.3,
         "rad/s",
         "standard deviation and largest RMS of a resting base's angular velocity",
         JUDGED,
+    )
+    push_times: float = setting(
+        8.0, "1", "smallest orientation error of a pushed window, relative to the median", JUDGED
     )

@@ -137,7 +137,8 @@ class Inference:
     most: float = setting(
         0.5,
         "1",
-        "smallest share of the errors beyond noise that is closed, for the verdict `explained`",
+        "smallest share of the errors beyond noise that is closed, for the verdict `explained`; "
+        "smallest share of an effect's gain that is left with better numerics",
         "derived: most of it",
     )
     moments: float = setting(
@@ -175,16 +176,13 @@ class Inference:
 class Cogging:
     """The search for torque ripples in the error of a joint."""
 
-    counts: tuple[float, float] = setting(
-        (3.0, 150.0), "1", "smallest and largest number of ripples per turn that is tried", JUDGED
-    )
+    count_max: float = setting(150.0, "1", "largest number of ripples per turn", JUDGED)
     finest: float = setting(
         4.0,
         "1",
         "number of trials per smallest resolvable difference in ripples per turn",
         JUDGED,
     )
-    readings: float = setting(1.5, "1", "shortest half of a ripple, in encoder counts", JUDGED)
     counts_probed: int = setting(
         3, "1", "number of best-fitting candidates that are simulated", COST
     )
@@ -195,19 +193,6 @@ class Cogging:
         DEVELOPED,
     )
     slow: float = setting(0.7, "rad/s", "speed above which rows are ignored", DEVELOPED)
-    turned: float = setting(
-        0.8, "rad", "range of motion above which a polynomial trend is subtracted", DEVELOPED
-    )
-    trend_order: int = setting(3, "1", "degree of that polynomial", DEVELOPED)
-    stiffness_min: float = setting(
-        0.1, "N·m/rad", "smallest stiffness of a servo that is assumed", JUDGED
-    )
-    rows_min: int = setting(
-        50, "1", "smallest number of rows from which a ripple is estimated", JUDGED
-    )
-    off_share: float = setting(
-        0.05, "1", "fraction of a window without torque above which it is ignored", JUDGED
-    )
 
 
 @dataclass(frozen=True)
@@ -223,7 +208,6 @@ class Locating:
     share_min: float = setting(
         0.2, "1", "smallest reported fraction of the error in a regime", JUDGED
     )
-    named_max: int = setting(4, "1", "largest number of regimes reported per joint", JUDGED)
     edges_hz: tuple[float, ...] = setting(
         (0.0, 0.5, 2.0, 5.0, 15.0),
         "Hz",

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from sim2real.diagnosis.settings.base import COST, DEVELOPED, JUDGED, setting
+from sim2real.diagnosis.settings.base import DEVELOPED, JUDGED, setting
 
 THOUSAND = "derived: rows this far apart point to milliseconds, not seconds"
 
@@ -27,43 +27,32 @@ class Preflight:
     rate_error: float = setting(
         0.1, "1", "largest relative difference between stated rate and time stamps", JUDGED
     )
-    lost_share: float = setting(
-        0.005, "1", "fraction of lost readings above which they are reported", JUDGED
+    unreported: float = setting(
+        0.005,
+        "1",
+        "largest unreported fraction of lost readings, and of commands outside ctrlrange; also the "
+        "tolerance at its ends, relative to its width",
+        JUDGED,
     )
     counts: float = setting(
         3.0, "1", "smallest change of position that is a motion, in encoder counts", JUDGED
     )
     count_min: float = setting(1e-4, "rad", "smallest encoder count that is assumed", JUDGED)
-    noise: float = setting(
-        1.5, "1", "largest unreported noise, relative to the rounding error of a count", JUDGED
-    )
     moved: float = setting(
         0.02, "rad", "range above which a command, or an unlogged joint, is moving", DEVELOPED
     )
     same_command: float = setting(
-        2e-3, "rad", "largest difference between commands that count as equal", DEVELOPED
+        2e-3,
+        "rad",
+        "largest difference between commands that count as equal, or between positions of a joint "
+        "at rest",
+        DEVELOPED,
     )
     still: tuple[float, float] = setting(
         (0.05, 0.005), "rad, m", "motion below which a hinge, or slide, is not diagnosed", JUDGED
     )
     reversals_min: int = setting(
         4, "1", "reversals needed to distinguish friction, play and dead zones", JUDGED
-    )
-    outside: float = setting(
-        0.01,
-        "1",
-        "largest unreported fraction of commands outside ctrlrange; also the tolerance at "
-        "its ends, relative to its width",
-        JUDGED,
-    )
-    beyond: float = setting(
-        2.0, "1", "multiple of a hinge's largest angle above which positions are not in rad", JUDGED
-    )
-    saturated_share: float = setting(
-        0.3, "1", "largest unreported fraction of rows at the model's force limit", DEVELOPED
-    )
-    saturated: float = setting(
-        0.9, "1", "fraction of the maximum duty or torque above which it is saturated", JUDGED
     )
     rows_min: int = setting(
         20, "1", "smallest number of rows from which anything is estimated", JUDGED
@@ -73,29 +62,22 @@ class Preflight:
     )
     reach_s: float = setting(0.25, "s", "largest delay that is tried", JUDGED)
     ratio: tuple[float, float] = setting(
-        (0.85, 1.18), "1", "two gains, or two speeds, agree if their ratio is within", JUDGED
+        (0.85, 1.18), "1", "two gains, speeds or errors agree if their ratio is within", JUDGED
     )
     share: float = setting(
         0.8,
         "1",
-        "smallest fraction of the variance that a fitted relation must explain; smallest "
-        "correlation of measured and simulated speed from which a lag is inferred",
-        JUDGED,
-    )
-    worse: float = setting(
-        1.2,
-        "1",
-        "factor on a channel's error above which the channel contradicts the causes",
+        "smallest fraction of the variance that a fitted relation, or a replay, must explain; "
+        "smallest correlation of measured and simulated speed from which a lag is inferred",
         JUDGED,
     )
     follows: float = setting(
         0.8,
         "1",
         "similarity (1 − standard deviation of position minus command, relative to that of "
-        "the position) above which commands are positions",
+        "the position) above which commands are positions; below it they may be torques",
         JUDGED,
     )
-    stranger: float = setting(0.6, "1", "similarity below which commands may be torques", JUDGED)
     clock: float = setting(
         0.05,
         "1",
@@ -120,24 +102,12 @@ class Preflight:
     law_residual: float = setting(
         0.03, "1", "largest fraction of the duty's variance that is left unexplained", DEVELOPED
     )
-    lost: float = setting(
-        0.5, "1", "RMS error above which a replay fails, relative to the joints' spread", JUDGED
-    )
     better: float = setting(
         0.1,
         "1",
         "commands are torques if their replay error is below this fraction of the errors with "
         "positions and without commands",
         DEVELOPED,
-    )
-    brief_s: float = setting(
-        0.3, "s", "length of the pieces replayed to distinguish position and torque commands", COST
-    )
-    lag_windows: int = setting(
-        3, "1", "smallest number of windows before, and after, a jump of the lag", JUDGED
-    )
-    lag_episode_s: float = setting(
-        60.0, "s", "time from the start of each episode in which the lag is estimated", COST
     )
 
 
@@ -152,15 +122,8 @@ class Obstruction:
         "lasts at least twice as long",
         DEVELOPED,
     )
-    still: float = setting(0.003, "rad", "largest range of positions of a joint at rest", DEVELOPED)
     current: float = setting(
         3.0, "1", "smallest current of an obstructed joint, relative to its usual one", DEVELOPED
-    )
-    error: float = setting(
-        1.6, "1", "smallest error of an obstructed joint, relative to its usual error", DEVELOPED
-    )
-    margin_s: float = setting(
-        0.5, "s", "time before and after an obstruction that is excluded as well", DEVELOPED
     )
 
 
@@ -168,9 +131,8 @@ class Obstruction:
 class Hunting:
     """When a servo loop hunts: its joint oscillates while its command does not."""
 
-    counts: float = setting(8.0, "1", "smallest swing, in encoder counts", JUDGED)
     swing: float = setting(
-        0.005, "rad or m", "smallest swing; the larger of this and `counts` applies", JUDGED
+        0.005, "rad or m", "smallest swing; at least a motion in encoder counts", JUDGED
     )
     swings: int = setting(
         8,
@@ -181,7 +143,4 @@ class Hunting:
     )
     even: float = setting(
         0.5, "1", "smallest of these swings in size and time, relative to the largest", DEVELOPED
-    )
-    faster_s: tuple[float, ...] = setting(
-        (0.2, 0.08), "s", "widths of moving averages subtracted for fast oscillations", DEVELOPED
     )

@@ -33,10 +33,10 @@ def test_residues_that_hang_together_are_drawn_together(data: Data) -> None:
     slow = np.interp(np.arange(count), np.arange(0, count, 100), rng.normal(size=count // 100 + 1))
     long = coherence(data, rows_of(data, slow))
     assert white < 0.6
-    assert 1.2 < long <= SECONDS / data.settings.bootstrap.blocks_min
+    assert 1.2 < long <= SECONDS / data.settings.windows.windows_min
     short, wide = (Blocks(data, np.random.default_rng(0), seconds) for seconds in (white, long))
     assert wide.count < short.count
-    assert data.settings.bootstrap.blocks_min - 2 <= wide.count
+    assert data.settings.windows.windows_min - 2 <= wide.count
 
 
 def test_a_block_may_span_windows(data: Data) -> None:

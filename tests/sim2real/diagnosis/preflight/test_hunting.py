@@ -117,9 +117,9 @@ def test_pieces_that_are_replayed_on_trial_do_not_hunt(stiff: None) -> None:
     """Else a log whose loop hunts looks as if its clock ran ten times too fast."""
     log = arm.make_log(SOFT, seconds=24.0, noise=1e-4)
     (marked,), _ = mark_hunting([log], DRIVEN)
-    calm = choose([marked], 2.0, 4)
+    calm = choose([marked], 2.0)
     assert calm and not any(is_flagged(one.log, HUNTING).any() for one in calm)
-    assert len(choose([marked], 24.0, 4)) == 1  # where there is no other piece
+    assert len(choose([marked], 24.0)) == 1  # where there is no other piece
 
 
 @pytest.mark.slow

@@ -65,7 +65,7 @@ def test_the_script_moves_bodies_as_mujoco_does(browser: str, tmp_path: Path) ->
         values = {model.joint(j).name: float(data.qpos[model.jnt_qposadr[j]]) for j in moved}
         asked.append({"skeleton": motion.skeleton(model), "values": values})
         points = []
-        for geom, own, _ in motion.robot_drawing.outlines(model):
+        for geom, _, own, _ in motion.robot_drawing.outlines(model):
             body = int(model.geom_bodyid[geom])
             points.append(data.xpos[body] + own @ data.xmat[body].reshape(3, 3).T)
         wanted.append(np.concatenate(points))
