@@ -24,6 +24,7 @@ import numpy as np
 from sim2real.diagnosis.data.together import together
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import Likelihood, Trained
+from sim2real.diagnosis.inference.products import HALF
 from sim2real.diagnosis.inference.replayer import Job, Replay, Replayer
 from sim2real.diagnosis.inference.score import FOLDS
 from sim2real.diagnosis.settings import TINY
@@ -214,10 +215,14 @@ class Fitter:
                     live.append(state)
 
     def _step(self, states: Sequence[_State]) -> list[_State]:
-        """Take one step with each, and return those that may gain from another."""
+        """Take one step with each that promises a gain, and return those that may gain more."""
         self._differentiate([state for state in states if state.slopes is None])
-        trials = [self._trial(state) for state in states]
-        pairs = [(state.hypothesis, values) for state, values in zip(states, trials, strict=True)]
+        trials = {id(state): self._trial(state) for state in states}
+        stale = [state for state in states if not (state.fresh or trials[id(state)].promises)]
+        self._differentiate(stale)
+        trials |= {id(state): self._trial(state) for state in stale}
+        states = [state for state in states if trials[id(state)].promises]
+        pairs = [(state.hypothesis, trials[id(state)].values) for state in states]
         made = self._make(pairs, self._replay(pairs), [state.trained for state in states])
         return [one for one, other in zip(states, made, strict=True) if self._improve(one, other)]
 
@@ -242,11 +247,11 @@ class Fitter:
             ]
             state.slopes, state.fresh = np.stack(slopes, axis=-1), True
 
-    def _trial(self, state: _State) -> np.ndarray:
-        """Return the values of a damped step, (2, P)."""
+    def _trial(self, state: _State) -> _Trial:
+        """Return a damped step, and whether it promises a gain: g's - s'H s / 2 nats of step s."""
         vectors = np.concatenate([state.replay.error[..., None], state.slopes], axis=-1)
         size = self.settings.reach * state.hypothesis.size[state.places]
-        found = state.values.copy()
+        found, gains = state.values.copy(), []
         for side, own in enumerate(self.sides):
             products = self.likelihood.curvature(state.trained[side], vectors, own)
             curve, down = products[1:, 1:], products[1:, 0]
@@ -254,7 +259,8 @@ class Fitter:
             diagonal = np.diag(curve) + 1 / size**2
             step = np.linalg.solve(curve + np.diag(damping * diagonal), down)
             found[side, state.places] -= step
-        return state.hypothesis.clip(found)
+            gains.append(step @ (down - HALF * curve @ step))
+        return _Trial(state.hypothesis.clip(found), max(gains) > self.settings.settled)
 
     def _improve(self, state: _State, other: _State) -> bool:
         """Keep what is better of a trial; return whether another step may gain."""
@@ -263,10 +269,10 @@ class Fitter:
         good, again = state.gain > self.settings.settled, not state.fresh
         if good.any():
             state.learn(other.values - before, other.replay.error - error, self.fold)
+            state.fresh = False
         elif again:
             state.slopes = None
             return True
-        state.fresh = False
         ratio = self.settings.damping_ratio
         shrunk = np.maximum(state.damping / ratio, self.settings.damping)
         state.damping = np.where(good, shrunk, state.damping * ratio)
@@ -309,6 +315,13 @@ class Fitter:
     def _seen_from(self, side: int, own: np.ndarray, held: np.ndarray) -> np.ndarray:
         """Return the errors of all windows under the values of one fold, (W, N, M)."""
         return np.where((self.fold == side)[:, None, None], own, held)
+
+
+class _Trial(NamedTuple):
+    """Where a step leads, (2, P), and whether it promises a gain."""
+
+    values: np.ndarray
+    promises: bool
 
 
 class _State:
