@@ -1,6 +1,6 @@
 """Fits of hypotheses on the arm of the tests: values, sensitivities, held-out scores."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -190,8 +190,32 @@ def test_a_step_corrects_the_slopes_by_what_it_changed(
     monkeypatch.setattr(Fitter, "_differentiate", differentiate)
     members = case.options["coulomb_friction.b"], case.options["command_delay"]
     (fit,) = case.fitter.fit([Start(Hypothesis(members), np.array([[0.05, 0.02]]))])
-    assert asked[0] == 1 and 0 in asked[1:]
+    steps = zip(asked[::2], asked[1::2], strict=True)  # of each: at first, and anew
+    assert asked[0] == 1 and (0, 0) in steps
     np.testing.assert_allclose(fit.values, [[FRICTION, DELAY]] * 2, rtol=0.03)
+
+
+def test_a_step_that_promises_no_gain_is_not_taken(
+    case: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where a fit has ended there is nothing to gain, which its slopes tell without a replay."""
+    tried: list[float] = []
+    own = Fitter._improve
+
+    def improve(fitter: Fitter, state: Any, other: Any) -> bool:
+        more = own(fitter, state, other)
+        tried.append(state.gain.max())
+        return more
+
+    monkeypatch.setattr(Fitter, "_improve", improve)
+    members = case.options["coulomb_friction.b"], case.options["command_delay"]
+    start = Start(Hypothesis(members), np.array([[0.05, 0.02]]))
+    (fit,) = case.fitter.fit([start])
+    assert len(tried) > 1 and max(tried) > 100.0  # nats
+    tried.clear()
+    (again,) = case.fitter.fit([Start(fit.hypothesis, fit.values[None])])
+    assert not tried
+    np.testing.assert_array_equal(again.values, fit.values)
 
 
 def test_corrected_slopes_say_how_errors_changed(case: Case) -> None:
