@@ -260,7 +260,7 @@ class Fitter:
             step = np.linalg.solve(curve + np.diag(damping * diagonal), down)
             found[side, state.places] -= step
             gains.append(step @ (down - HALF * curve @ step))
-        return _Trial(state.hypothesis.clip(found), max(gains) > self.settings.settled)
+        return _Trial(state.hypothesis.clip(found), max(gains) > BETTER)
 
     def _improve(self, state: _State, other: _State) -> bool:
         """Keep what is better of a trial; return whether another step may gain."""
