@@ -7,9 +7,9 @@ Damped Gauss-Newton steps (Levenberg and Marquardt) in the metric of the likelih
 or usual errors explain a change as well, it moves nothing. Of several points each fold keeps the
 best before it refines. Slopes are finite differences at first, of replays in longer time steps;
 each step corrects them by what it changed (Broyden 1965, doi:10.1090/S0025-5718-1965-0198670-6),
-and where they lead no further they are taken anew. Whole numbers move by one as long as that is
-better. The discrepancy's size is estimated anew at each trial, so that a step is judged by the
-density that decides.
+and where they lead no further they are taken anew. A step that then promises no more than rounding
+ends the fit. Whole numbers move by one as long as that is better. The discrepancy's size is
+estimated anew at each trial, so that a step is judged by the density that decides.
 """
 
 from __future__ import annotations
