@@ -172,11 +172,15 @@ def run_diagnosis(
     return outcome._replace(report=replace(outcome.report, seconds=time.monotonic() - start))
 
 
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def _inputs(
     data: Data, fold: np.ndarray, model: str | Path | None, seed: int, exclude: Sequence[str]
 ) -> dict[str, object]:
     paths = [str(log.path) for log in data.logs if log.path]
-    files = [Path(path) for path in paths if Path(path).is_file()]
     own = [str(log.model) for log in data.logs if log.model]
     return {
         "logs": paths,
@@ -186,7 +190,7 @@ def _inputs(
         "made": datetime.datetime.now().astimezone().isoformat(" ", "minutes"),
         "versions": {"sim2real": metadata.version("sim2real"), "mujoco": mujoco.__version__},
         "robots": sorted({str(log.meta["robot"]) for log in data.logs if log.meta.get("robot")}),
-        "sha256": {str(file): hashlib.sha256(file.read_bytes()).hexdigest() for file in files},
+        "sha256": {path: _sha256(Path(path)) for path in paths if Path(path).is_file()},
         "windows": len(data.windows),
         "folds": _folds(data, fold),
         "link": links(data.logs),

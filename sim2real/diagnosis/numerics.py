@@ -104,8 +104,8 @@ def is_numerics(
     changes = " and ".join(VARIANTS[name][1] for name in needed)
     return (
         f"It closes {gain / given[0]:.0%} of the gap in the model as given, and "
-        f"{max(left, 0.0) / mended[0]:.0%} with {changes}: this is the simulator's numerics, "
-        "not the robot."
+        f"{max(left, 0.0) / mended[0]:.0%} with {changes}: this is mostly the simulator's "
+        "numerics, not the robot."
     )
 
 

@@ -82,11 +82,12 @@ def _of_one_model(
     logs: Sequence[Log], spec: mujoco.MjSpec, fixed: Sequence[Fixed]
 ) -> Iterator[Gap]:
     """Yield the gaps of logs that share a model, their episodes side by side."""
-    delayed = as_recorded(spec, logs[0])
-    model = delayed.copy().compile()
+    model = spec.copy().compile()
     for log in logs:
         check_log(log, model)
         refuse_clock(log)
+    delayed = as_recorded(spec, logs[0])
+    model = delayed.copy().compile()
     episodes = [part for log in logs for part in log.episodes()]
     recordings = [to_recording(part, model) for part in episodes]
     paths = trial(delayed, recordings, fixed)

@@ -128,7 +128,7 @@ def _episode(part: Log, model: mujoco.MjModel, base: Base, settings: Ground) -> 
         along = np.cumsum(walk.speed * step, axis=0)
         qpos[:, base.qpos] += along + np.outer(walk.height - along @ feet.up, feet.lift)
     qvel[:, base.dofs] = walk.speed
-    slope[:, base.dofs] = np.hypot(walk.unsure, settings.slip_m_s)  # slip is unseen
+    slope[:, base.dofs] = walk.unsure
     return Estimate(part, base, qpos, qvel, walk, slope, feet.lift, imu is not None)
 
 

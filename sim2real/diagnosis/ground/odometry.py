@@ -59,7 +59,8 @@ def walked(
         moving = feet.drift + np.einsum("tfin,tn->tfi", feet.way, speed)
         across = moving - (moving @ feet.normal)[..., None] * feet.normal
         slip = np.linalg.norm(across, axis=2)
-    return Walk(speed, height, touch, slip, _spread(curve, stiff))
+    unsure = np.hypot(_spread(curve, stiff), settings.slip_m_s)  # slower slip is unseen
+    return Walk(speed, height, touch, slip, unsure)
 
 
 def _pushed(
@@ -140,14 +141,14 @@ def _chained(
 def _spread(curve: np.ndarray, stiff: np.ndarray) -> np.ndarray:
     """Return the standard deviations of what `_chained` finds, (T, n).
 
-    A row is told by itself, by all rows before it and by all after it, each through its steps.
+    What is known of a row comes from its own soles, from all rows before it and from all after it.
     """
     own = curve + PRIOR * np.eye(curve.shape[1])
     every = own.copy()
     for order in (slice(None), slice(None, None, -1)):
-        blocks, told = own[order], np.zeros_like(own)
+        blocks, linked = own[order], np.zeros_like(own)
         for k, link in enumerate(stiff[order]):
-            known = np.linalg.inv(blocks[k] + told[k])
-            told[k + 1] = np.linalg.inv(known + np.eye(len(known)) / link)
-        every += told[order]
+            known = np.linalg.inv(blocks[k] + linked[k])
+            linked[k + 1] = np.linalg.inv(known + np.eye(len(known)) / link)
+        every += linked[order]
     return np.sqrt(np.diagonal(np.linalg.inv(every), axis1=1, axis2=2))

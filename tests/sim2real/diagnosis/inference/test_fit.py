@@ -198,7 +198,7 @@ def test_a_step_corrects_the_slopes_by_what_it_changed(
 def test_a_step_that_promises_no_gain_is_not_taken(
     case: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where a fit has ended there is nothing to gain, which its slopes tell without a replay."""
+    """Where a fit has ended there is nothing to gain, as its slopes show without a replay."""
     tried: list[float] = []
     own = Fitter._improve
 
