@@ -70,7 +70,7 @@ class Fit:
     @property
     def mean(self) -> np.ndarray:
         """The values over both folds, (P,)."""
-        return self.values.mean(axis=0)
+        return self.hypothesis.average(self.values)
 
     @property
     def label(self) -> str:
@@ -232,7 +232,7 @@ class Fitter:
             state.nudges(self.settings.difference, self.settings.difference_min) for state in states
         ]
         jobs = [
-            (state.hypothesis, state.values + nudge * (np.arange(nudge.shape[1]) == place))
+            (state.hypothesis, state.moved(nudge * (np.arange(nudge.shape[1]) == place)))
             for state, nudge in zip(states, nudges, strict=True)
             for place in state.places
         ]
@@ -250,17 +250,17 @@ class Fitter:
     def _trial(self, state: _State) -> _Trial:
         """Return a damped step, and whether it promises a gain: g's - s'H s / 2 nats of step s."""
         vectors = np.concatenate([state.replay.error[..., None], state.slopes], axis=-1)
-        size = self.settings.reach * state.hypothesis.size[state.places]
-        found, gains = state.values.copy(), []
+        size = self.settings.reach * state.hypothesis.change_size[state.places]
+        change, gains = np.zeros_like(state.values), []
         for side, own in enumerate(self.sides):
             products = self.likelihood.curvature(state.trained[side], vectors, own)
             curve, down = products[1:, 1:], products[1:, 0]
             damping = state.damping[side] + self.settings.ridge
             diagonal = np.diag(curve) + 1 / size**2
             step = np.linalg.solve(curve + np.diag(damping * diagonal), down)
-            found[side, state.places] -= step
+            change[side, state.places] = -step
             gains.append(step @ (down - HALF * curve @ step))
-        return _Trial(state.hypothesis.clip(found), max(gains) > BETTER)
+        return _Trial(state.moved(change), max(gains) > BETTER)
 
     def _improve(self, state: _State, other: _State) -> bool:
         """Keep what is better of a trial; return whether another step may gain."""
@@ -268,7 +268,8 @@ class Fitter:
         state.gain = np.maximum(state.take(other, self.fold), 0.0)
         good, again = state.gain > self.settings.settled, not state.fresh
         if good.any():
-            state.learn(other.values - before, other.replay.error - error, self.fold)
+            step = state.hypothesis.compare(before, other.values)
+            state.learn(step, other.replay.error - error, self.fold)
             state.fresh = False
         elif again:
             state.slopes = None
@@ -371,13 +372,20 @@ class _State:
 
     def nudges(self, share: float, least: float) -> np.ndarray:
         """Return a step of each value for finite differences, (2, P), inside its bounds."""
-        step = np.maximum(share * np.abs(self.values), least * self.hypothesis.size)
-        return np.where(self.values + step > self.hypothesis.high, -step, step)
+        values = self.values.copy()
+        for amplitude, phase in self.hypothesis.waves:
+            values[:, phase] = values[:, amplitude]
+        step = np.maximum(share * np.abs(values), least * self.hypothesis.change_size)
+        return np.where(values + step > self.hypothesis.high, -step, step)
+
+    def moved(self, change: np.ndarray) -> np.ndarray:
+        """Return the values after a change, (2, P)."""
+        return self.hypothesis.move(self.values, change)
 
     def learn(self, step: np.ndarray, change: np.ndarray, fold: np.ndarray) -> None:
         """Let the slopes say how errors changed, (W, N, M), by a step of the values, (2, P)."""
         step = step[:, self.places]
-        scaled = step / np.square(self.hypothesis.size[self.places])
+        scaled = step / np.square(self.hypothesis.change_size[self.places])
         scaled /= np.maximum((scaled * step).sum(axis=1, keepdims=True), TINY)
         missed = change - np.einsum("wnmp,wp->wnm", self.slopes, step[fold])
         self.slopes += missed[..., None] * scaled[fold][:, None, None]

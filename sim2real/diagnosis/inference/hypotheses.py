@@ -23,6 +23,7 @@ from sim2real.diagnosis.inference.log_change import LogChange
 
 Member = Candidate | LogChange
 Kind = Literal["robot", "log", "world"]
+PHASE = "phase"  # the name of a value that is the phase of the first one
 WORLD = ("gravity_tilt", "gravity_compensation", "push", "ground_friction", "contact_stiffness")
 
 
@@ -158,6 +159,54 @@ class Hypothesis:
     def size(self) -> np.ndarray:
         """Size of each value at its largest probe, (P,)."""
         return np.concatenate([np.zeros(0), *(get_size(m) for m in self.members)])
+
+    @cached_property
+    def waves(self) -> list[tuple[int, int]]:
+        """Where amplitude and phase of each wave are among the values."""
+        found = []
+        for member, column, _ in self.parts:
+            free = member.effect.free if isinstance(member, Candidate) else ()
+            if PHASE in free:
+                found.append((column.start, column.stop - len(free) + free.index(PHASE)))
+        return found
+
+    @cached_property
+    def change_size(self) -> np.ndarray:
+        """Size of the change of each value, see `move`, to its largest probe, (P,)."""
+        size = self.size.copy()
+        for amplitude, phase in self.waves:
+            size[phase] = size[amplitude]
+        return size
+
+    def move(self, values: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """Return values (..., P) after a change (..., P), within their bounds.
+
+        That of a wave is of its cosine and its sine part: they say what it is at amplitude 0 too,
+        where its phase says nothing, and it is linear in them.
+        """
+        moved = values + change
+        for amplitude, phase in self.waves:
+            step = change[..., amplitude] + 1j * change[..., phase]
+            wave = values[..., amplitude] * np.exp(1j * values[..., phase]) + step
+            moved[..., amplitude], moved[..., phase] = np.abs(wave), np.angle(wave)
+        return self.clip(moved)
+
+    def compare(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """Return the change, (..., P), by which `move` comes from some values to others."""
+        change = after - before
+        for amplitude, phase in self.waves:
+            old, new = (v[..., amplitude] * np.exp(1j * v[..., phase]) for v in (before, after))
+            change[..., amplitude] = np.real(new - old)
+            change[..., phase] = np.imag(new - old)
+        return change
+
+    def average(self, values: np.ndarray) -> np.ndarray:
+        """Return the mean of values (n, P), that of a wave by these parts."""
+        mean = values.mean(axis=0)
+        for amplitude, phase in self.waves:
+            wave = (values[:, amplitude] * np.exp(1j * values[:, phase])).mean()
+            mean[amplitude], mean[phase] = np.abs(wave), np.angle(wave)
+        return mean
 
     @cached_property
     def smooth(self) -> np.ndarray:

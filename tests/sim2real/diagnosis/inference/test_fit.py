@@ -73,6 +73,16 @@ def test_slopes_in_longer_steps_lead_to_the_same_values(case: Case) -> None:
     assert two.density.sum() == pytest.approx(one.density.sum(), abs=1.0)  # nats
 
 
+def test_a_wave_is_found_from_no_wave_at_all(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Its phase says nothing there; its cosine and its sine part do."""
+    wave = "encoder_eccentricity", {"where": "b", "phase": -2.1}, 0.15
+    case = case_of(arm.make_log(wave, noise=NOISE), tmp_path_factory)
+    members = (case.options["encoder_eccentricity.b"],)
+    (fit,) = case.fitter.fit([Start(Hypothesis(members), np.array([[0.0, np.pi / 2]]))])
+    found = fit.mean[0] * np.exp(1j * fit.mean[1])
+    assert abs(found - 0.15 * np.exp(-2.1j)) < 0.01
+
+
 def test_whole_numbers_go_on_while_that_is_better(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Commands are logged four rows late; the fit begins at two."""
     log, rows = arm.make_log(seconds=8.0, noise=NOISE), 4

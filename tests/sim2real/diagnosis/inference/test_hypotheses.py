@@ -21,3 +21,19 @@ def test_a_shape_may_lie_at_the_ends_of_its_range_and_a_size_may_not(tmp_path: P
     far = zone.neutral[0] + REACH * get_size(zone)[0]
     np.testing.assert_allclose(high[0], min(zone.high[0], far))
     np.testing.assert_allclose(low[0], max(zone.low[0], -far))
+
+
+def test_a_wave_moves_by_its_cosine_and_its_sine_part(tmp_path: Path) -> None:
+    """From amplitude 0 in any direction, back to where it came from, and across half a turn."""
+    data = arm.data_of(arm.make_log(noise=3e-4), tmp_path)
+    options = {one.label: one for one in candidates(data)}
+    both = Hypothesis((options["coulomb_friction.b"], options["encoder_eccentricity.b"]))
+    assert both.waves == [(1, 2)]
+    none, some = np.array([0.1, 0.0, 2.0]), np.array([0.3, 0.05, -2.5])
+    np.testing.assert_allclose(
+        both.move(none, np.array([0.2, 0.0, -0.04])), [0.3, 0.04, -np.pi / 2]
+    )
+    there = both.move(none, both.compare(none, some))
+    np.testing.assert_allclose(there[1] * np.exp(1j * there[2]), 0.05 * np.exp(-2.5j))
+    near = np.array([[0.1, 0.05, 3.1], [0.3, 0.05, 3.1 - 2 * np.pi]])
+    np.testing.assert_allclose(both.average(near), [0.2, 0.05, 3.1])
