@@ -24,6 +24,7 @@ from sim2real.diagnosis.inference.log_change import LogChange
 Member = Candidate | LogChange
 Kind = Literal["robot", "log", "world"]
 PHASE = "phase"  # the name of a value that is the phase of the first one
+J = 1j  # the imaginary unit
 WORLD = ("gravity_tilt", "gravity_compensation", "push", "ground_friction", "contact_stiffness")
 
 
@@ -186,8 +187,8 @@ class Hypothesis:
         """
         moved = values + change
         for amplitude, phase in self.waves:
-            step = change[..., amplitude] + 1j * change[..., phase]
-            wave = values[..., amplitude] * np.exp(1j * values[..., phase]) + step
+            step = change[..., amplitude] + J * change[..., phase]
+            wave = values[..., amplitude] * np.exp(J * values[..., phase]) + step
             moved[..., amplitude], moved[..., phase] = np.abs(wave), np.angle(wave)
         return self.clip(moved)
 
@@ -195,7 +196,7 @@ class Hypothesis:
         """Return the change, (..., P), by which `move` comes from some values to others."""
         change = after - before
         for amplitude, phase in self.waves:
-            old, new = (v[..., amplitude] * np.exp(1j * v[..., phase]) for v in (before, after))
+            old, new = (v[..., amplitude] * np.exp(J * v[..., phase]) for v in (before, after))
             change[..., amplitude] = np.real(new - old)
             change[..., phase] = np.imag(new - old)
         return change
@@ -204,7 +205,7 @@ class Hypothesis:
         """Return the mean of values (n, P), that of a wave by these parts."""
         mean = values.mean(axis=0)
         for amplitude, phase in self.waves:
-            wave = (values[:, amplitude] * np.exp(1j * values[:, phase])).mean()
+            wave = (values[:, amplitude] * np.exp(J * values[:, phase])).mean()
             mean[amplitude], mean[phase] = np.abs(wave), np.angle(wave)
         return mean
 
