@@ -3,6 +3,7 @@
 import math
 from typing import Literal, NamedTuple
 
+PHASE = "phase"  # the name of a phase that may be fitted
 Form = Literal["add", "signed", "factor", "limit", "mass", "tilt"]
 
 
@@ -23,9 +24,9 @@ class Extra(NamedTuple):
 
 
 def phase(about: str) -> Extra:
-    """Return an extra for the phase [rad] of a periodic effect, described by `about`."""
+    """Return an extra, described by `about`: the phase [rad] of a wave of the value's amplitude."""
     turn = 2 * math.pi
-    return Extra("phase", "rad", 0.0, -turn, turn, about, fit=(-turn, turn), typical=(-3.2, 3.2))
+    return Extra(PHASE, "rad", 0.0, -turn, turn, about, fit=(-turn, turn), typical=(-3.2, 3.2))
 
 
 class Sizes(NamedTuple):

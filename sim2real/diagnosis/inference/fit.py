@@ -5,11 +5,12 @@
 
 Damped Gauss-Newton steps (Levenberg and Marquardt) in the metric of the likelihood: where starts
 or usual errors explain a change as well, it moves nothing. Of several points each fold keeps the
-best before it refines. Slopes are finite differences at first, of replays in longer time steps;
-each step corrects them by what it changed (Broyden 1965, doi:10.1090/S0025-5718-1965-0198670-6),
-and where they lead no further they are taken anew. A step that then promises no more than rounding
-ends the fit. Whole numbers move by one as long as that is better. The discrepancy's size is
-estimated anew at each trial, so that a step is judged by the density that decides.
+best before it refines. Waves are fitted by their cosine and sine parts. Slopes are finite
+differences at first, of replays in longer time steps; each step corrects them by what it changed
+(Broyden 1965, doi:10.1090/S0025-5718-1965-0198670-6), and where they lead no further they are taken
+anew. A step that then promises no more than rounding ends the fit. Whole numbers move by one as
+long as that is better. The discrepancy's size is estimated anew at each trial, so that a step is
+judged by the density that decides.
 """
 
 from __future__ import annotations
@@ -70,7 +71,8 @@ class Fit:
     @property
     def mean(self) -> np.ndarray:
         """The values over both folds, (P,)."""
-        return self.hypothesis.average(self.values)
+        linear = self.hypothesis.to_linear(self.values)
+        return self.hypothesis.from_linear(linear.mean(axis=0))
 
     @property
     def label(self) -> str:
@@ -250,7 +252,7 @@ class Fitter:
     def _trial(self, state: _State) -> _Trial:
         """Return a damped step, and whether it promises a gain: g's - s'H s / 2 nats of step s."""
         vectors = np.concatenate([state.replay.error[..., None], state.slopes], axis=-1)
-        size = self.settings.reach * state.hypothesis.change_size[state.places]
+        size = self.settings.reach * state.hypothesis.linear_size[state.places]
         change, gains = np.zeros_like(state.values), []
         for side, own in enumerate(self.sides):
             products = self.likelihood.curvature(state.trained[side], vectors, own)
@@ -264,11 +266,11 @@ class Fitter:
 
     def _improve(self, state: _State, other: _State) -> bool:
         """Keep what is better of a trial; return whether another step may gain."""
-        before, error = state.values.copy(), state.replay.error
+        before, error = state.hypothesis.to_linear(state.values), state.replay.error
         state.gain = np.maximum(state.take(other, self.fold), 0.0)
         good, again = state.gain > self.settings.settled, not state.fresh
         if good.any():
-            step = state.hypothesis.compare(before, other.values)
+            step = state.hypothesis.to_linear(other.values) - before
             state.learn(step, other.replay.error - error, self.fold)
             state.fresh = False
         elif again:
@@ -371,21 +373,19 @@ class _State:
         return not self.gain.any() or self.density.sum() + self.gain.sum() * rounds >= best
 
     def nudges(self, share: float, least: float) -> np.ndarray:
-        """Return a step of each value for finite differences, (2, P), inside its bounds."""
-        values = self.values.copy()
-        for amplitude, phase in self.hypothesis.waves:
-            values[:, phase] = values[:, amplitude]
-        step = np.maximum(share * np.abs(values), least * self.hypothesis.change_size)
-        return np.where(values + step > self.hypothesis.high, -step, step)
+        """Return a step of each coordinate for finite differences, (2, P), inside its bounds."""
+        linear = self.hypothesis.to_linear(self.values)
+        step = np.maximum(share * np.abs(linear), least * self.hypothesis.linear_size)
+        return np.where(linear + step > self.hypothesis.high, -step, step)
 
     def moved(self, change: np.ndarray) -> np.ndarray:
-        """Return the values after a change, (2, P)."""
-        return self.hypothesis.move(self.values, change)
+        """Return the values after a change of their coordinates, (2, P) both."""
+        return self.hypothesis.from_linear(self.hypothesis.to_linear(self.values) + change)
 
     def learn(self, step: np.ndarray, change: np.ndarray, fold: np.ndarray) -> None:
-        """Let the slopes say how errors changed, (W, N, M), by a step of the values, (2, P)."""
+        """Let the slopes say how errors changed, (W, N, M), by a step of coordinates, (2, P)."""
         step = step[:, self.places]
-        scaled = step / np.square(self.hypothesis.change_size[self.places])
+        scaled = step / np.square(self.hypothesis.linear_size[self.places])
         scaled /= np.maximum((scaled * step).sum(axis=1, keepdims=True), TINY)
         missed = change - np.einsum("wnmp,wp->wnm", self.slopes, step[fold])
         self.slopes += missed[..., None] * scaled[fold][:, None, None]

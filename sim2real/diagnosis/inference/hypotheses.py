@@ -17,14 +17,13 @@ from typing import Literal
 import numpy as np
 
 from envs.effects import EFFECTS, Effect
+from envs.effects.extras import PHASE
 from sim2real.diagnosis.inference.candidates import FREE, Candidate
 from sim2real.diagnosis.inference.columns import TIME
 from sim2real.diagnosis.inference.log_change import LogChange
 
 Member = Candidate | LogChange
 Kind = Literal["robot", "log", "world"]
-PHASE = "phase"  # the name of a value that is the phase of the first one
-J = 1j  # the imaginary unit
 WORLD = ("gravity_tilt", "gravity_compensation", "push", "ground_friction", "contact_stiffness")
 
 
@@ -171,43 +170,34 @@ class Hypothesis:
                 found.append((column.start, column.stop - len(free) + free.index(PHASE)))
         return found
 
+    def to_linear(self, values: np.ndarray) -> np.ndarray:
+        """Return the coordinates (..., P) in which values (..., P) are fitted.
+
+        Those of a wave are its cosine and its sine part: it is linear in them, and they say what it
+        is at amplitude 0 too, where its phase says nothing. The others are the values.
+        """
+        linear = values.copy()
+        for amplitude, phase in self.waves:
+            size, turn = values[..., amplitude], values[..., phase]
+            linear[..., amplitude], linear[..., phase] = size * np.cos(turn), size * np.sin(turn)
+        return linear
+
+    def from_linear(self, linear: np.ndarray) -> np.ndarray:
+        """Return the values (..., P), within their bounds, at coordinates of `to_linear`."""
+        values = linear.copy()
+        for amplitude, phase in self.waves:
+            cosine, sine = linear[..., amplitude], linear[..., phase]
+            values[..., amplitude] = np.hypot(cosine, sine)
+            values[..., phase] = np.arctan2(sine, cosine)
+        return self.clip(values)
+
     @cached_property
-    def change_size(self) -> np.ndarray:
-        """Size of the change of each value, see `move`, to its largest probe, (P,)."""
+    def linear_size(self) -> np.ndarray:
+        """Size of each coordinate of `to_linear` at its largest probe, (P,)."""
         size = self.size.copy()
         for amplitude, phase in self.waves:
             size[phase] = size[amplitude]
         return size
-
-    def move(self, values: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """Return values (..., P) after a change (..., P), within their bounds.
-
-        That of a wave is of its cosine and its sine part: they say what it is at amplitude 0 too,
-        where its phase says nothing, and it is linear in them.
-        """
-        moved = values + change
-        for amplitude, phase in self.waves:
-            step = change[..., amplitude] + J * change[..., phase]
-            wave = values[..., amplitude] * np.exp(J * values[..., phase]) + step
-            moved[..., amplitude], moved[..., phase] = np.abs(wave), np.angle(wave)
-        return self.clip(moved)
-
-    def compare(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-        """Return the change, (..., P), by which `move` comes from some values to others."""
-        change = after - before
-        for amplitude, phase in self.waves:
-            old, new = (v[..., amplitude] * np.exp(J * v[..., phase]) for v in (before, after))
-            change[..., amplitude] = np.real(new - old)
-            change[..., phase] = np.imag(new - old)
-        return change
-
-    def average(self, values: np.ndarray) -> np.ndarray:
-        """Return the mean of values (n, P), that of a wave by these parts."""
-        mean = values.mean(axis=0)
-        for amplitude, phase in self.waves:
-            wave = (values[:, amplitude] * np.exp(J * values[:, phase])).mean()
-            mean[amplitude], mean[phase] = np.abs(wave), np.angle(wave)
-        return mean
 
     @cached_property
     def smooth(self) -> np.ndarray:

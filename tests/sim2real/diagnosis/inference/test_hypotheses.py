@@ -23,17 +23,16 @@ def test_a_shape_may_lie_at_the_ends_of_its_range_and_a_size_may_not(tmp_path: P
     np.testing.assert_allclose(low[0], max(zone.low[0], -far))
 
 
-def test_a_wave_moves_by_its_cosine_and_its_sine_part(tmp_path: Path) -> None:
-    """From amplitude 0 in any direction, back to where it came from, and across half a turn."""
+def test_a_wave_is_fitted_by_its_cosine_and_its_sine_part(tmp_path: Path) -> None:
+    """There and back, within bounds; a mean across half a turn is no wave of the opposite phase."""
     data = arm.data_of(arm.make_log(noise=3e-4), tmp_path)
     options = {one.label: one for one in candidates(data)}
     both = Hypothesis((options["coulomb_friction.b"], options["encoder_eccentricity.b"]))
     assert both.waves == [(1, 2)]
-    none, some = np.array([0.1, 0.0, 2.0]), np.array([0.3, 0.05, -2.5])
-    np.testing.assert_allclose(
-        both.move(none, np.array([0.2, 0.0, -0.04])), [0.3, 0.04, -np.pi / 2]
-    )
-    there = both.move(none, both.compare(none, some))
-    np.testing.assert_allclose(there[1] * np.exp(1j * there[2]), 0.05 * np.exp(-2.5j))
-    near = np.array([[0.1, 0.05, 3.1], [0.3, 0.05, 3.1 - 2 * np.pi]])
-    np.testing.assert_allclose(both.average(near), [0.2, 0.05, 3.1])
+    values = np.array([[0.1, 0.05, 3.1], [0.3, 0.05, -2.5]])
+    linear = both.to_linear(values)
+    np.testing.assert_allclose(linear[1], [0.3, 0.05 * np.cos(-2.5), 0.05 * np.sin(-2.5)])
+    np.testing.assert_allclose(both.from_linear(linear), values)
+    np.testing.assert_allclose(both.from_linear(np.array([0.1, 0.0, -2.0])), [0.1, 0.9, -np.pi / 2])
+    near = both.to_linear(np.array([[0.1, 0.05, 3.1], [0.3, 0.05, 3.1 - 2 * np.pi]]))
+    np.testing.assert_allclose(both.from_linear(near.mean(axis=0)), [0.2, 0.05, 3.1])
