@@ -17,7 +17,7 @@ Contracts:
 * A simulation that diverges is reset silently by the engine; `step` reads the warnings and says
   which rows that was.
 * `fixed` effects have fixed values and are not parameters; drawn effects come after them and
-  compose with them.
+  compose with them. What the model states of its servos (`envs.servo_numbers`) comes first.
 * Parameters and starts are NumPy arrays of the host whatever steps the simulations; what moves with
   them (`qpos`, `ctrl`, readings) are arrays of the engine, `arrays` (see `envs.physics`).
 """
@@ -37,6 +37,7 @@ from envs.effects.goal import Goal
 from envs.effects.history import CommandHistory
 from envs.effects.layout import Layout, edited
 from envs.effects.plant_view import PlantView
+from envs.effects.pwm_slope import stated_slope
 from envs.effects.registry import refuse_elsewhere
 from envs.errors import EffectError, TaskError
 from envs.memory import check_memory, row_bytes, share_memory
@@ -100,6 +101,8 @@ class Plant:
     ) -> None:
         if num_rows < 1:
             raise TaskError(f"num_rows={num_rows} must be at least 1")
+        self.nominal = spec.copy().compile() if nominal is None else nominal
+        fixed = [*((effect, ()) for effect in stated_slope(self.nominal)), *fixed]
         _refuse_doubles(effects, [effect for effect, _ in fixed])
         every = [effect for effect, _ in fixed] + list(effects)
         refuse_elsewhere(every, physics)
@@ -109,7 +112,6 @@ class Plant:
                 "diagnoses have none; remove it, or use a task that has a goal, such "
                 "as env=halfcheetah_direction"
             )
-        self.nominal = spec.copy().compile() if nominal is None else nominal
         self.model, keep = edited(spec, self.nominal, every)
         if not persistent:
             share_memory(self.model)

@@ -7,11 +7,16 @@ Public models have stiff actuators, and armatures, damping and friction of all k
 each actuator becomes what its servo is by its registers, its supply and its type's data: torque =
 P duty K V / R for an error of position, as far as PWM and current are allowed to go, less back-EMF;
 its joint gets the rotor's inertia, and no damping or friction of its own: what there is of them is
-for a diagnosis to find. A derivative gain acts on the error; what it makes of the goal's motion no
-actuator of the engine has, so that the model names its derivative time (kd / kp, in seconds) for a
-replay to add: `<numeric name="derivative_time.ACTUATOR" data="0.004"/>`.
+for a diagnosis to find.
+
+What no actuator of the engine has, the model states in numbers, which our simulations read: the
+derivative time kd / kp [s], since a derivative gain acts on the goal's motion too, and the largest
+rate of the torque before back-EMF [N·m/s], where a register limits the slope of the voltage:
+`<numeric name="derivative_time.ACTUATOR" data="0.004"/>`, `<numeric name="torque_rate.ACTUATOR"
+data="31.4"/>`. A servo's law acts every millisecond, so that the model steps no longer than that.
 """
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,8 +28,9 @@ from hardware.emulator.feetech_inner import LARGEST_PWM
 from hardware.emulator.mechanics import TICK
 from hardware.errors import RobotError, format_names
 from hardware.files import atomic_write
+from hardware.tables import FASTEST_SLOPE
 
-PREFIX = "derivative_time."  # as `envs.replay.derivative` reads it; then the actuator's name
+TIME, RATE = "derivative_time", "torque_rate"  # as `envs.servo_numbers` reads them
 
 
 def write_nominal_model(robot: Robot, path: Path) -> Robot:
@@ -54,12 +60,13 @@ def nominal(robot: Robot) -> mujoco.MjSpec:
             f"{robot.model} has no actuators {format_names(missing)}; it has "
             f"{format_names(actuators)}"
         )
-    for number in [number for number in spec.numerics if number.name.startswith(PREFIX)]:
+    for number in [n for n in spec.numerics if n.name.partition(".")[0] in (TIME, RATE)]:
         spec.delete(number)
+    spec.option.timestep = min(spec.option.timestep, TICK)
     for servo in robot.servos:
         actuator = actuators[servo.name]
-        if ahead := _set_servo(actuator, robot, servo):
-            spec.add_numeric(name=PREFIX + servo.name, data=[ahead], size=1)
+        for name, value in _set_servo(actuator, robot, servo).items():
+            spec.add_numeric(name=f"{name}.{servo.name}", data=[value], size=1)
         joint = spec.joint(actuator.target)
         joint.armature, joint.frictionloss = servo.type.armature or joint.armature, 0.0
         joint.damping[:] = 0.0
@@ -67,8 +74,8 @@ def nominal(robot: Robot) -> mujoco.MjSpec:
     return spec
 
 
-def _set_servo(actuator: mujoco.MjsActuator, robot: Robot, servo: Servo) -> float:
-    """Make an actuator its servo; return the servo's derivative time [s], 0 for none."""
+def _set_servo(actuator: mujoco.MjsActuator, robot: Robot, servo: Servo) -> dict[str, float]:
+    """Make an actuator its servo; return by name the numbers that the model has to state of it."""
     kind, volts = servo.type, robot.supply_of(servo).voltage
     registers = {**kind.defaults, **robot.registers_of(servo)}
     per_count = kind.stall_torque(volts) / kind.units.full_pwm / kind.units.angle  # N·m/rad
@@ -84,7 +91,9 @@ def _set_servo(actuator: mujoco.MjsActuator, robot: Robot, servo: Servo) -> floa
     actuator.set_to_position(kp=kp, kv=kv + inside)
     actuator.damping[:] = [outside, 0.0, 0.0]
     actuator.forcelimited, actuator.forcerange = 1, [-limit, limit]
-    return kv / kp if kp else 0.0
+    rate = kind.torque_rate(registers.get("pwm_slope", FASTEST_SLOPE))
+    stated = {TIME: kv / kp if kp else 0.0, RATE: rate if math.isfinite(rate) else 0.0}
+    return {name: value for name, value in stated.items() if value}
 
 
 def _most_duty(servo: Servo, registers: dict[str, int]) -> float:

@@ -24,6 +24,7 @@ import yaml
 from hardware.errors import RobotError, did_you_mean, format_names
 
 FIRST_RAM = 64
+FASTEST_SLOPE = 255  # of the PWM slope register: taken as no limit
 FEETECH = ("sts3215",)
 SIGNED = (
     *("homing_offset", "goal_pwm", "goal_current", "goal_velocity", "goal_position", "present_pwm"),
@@ -170,6 +171,11 @@ class ServoType:
     def stall_torque(self, volts: float) -> float:
         """Torque at standstill [N·m]: V K / R."""
         return volts * self.torque_constant / self.resistance
+
+    def torque_rate(self, register: int) -> float:
+        """Fastest change of torque [N·m/s] with this PWM slope register; inf if it limits none."""
+        per_ms = register * self.slope * self.torque_constant / self.resistance
+        return per_ms * 1000 if register < FASTEST_SLOPE else math.inf
 
     @property
     def back_emf_damping(self) -> float:

@@ -26,9 +26,9 @@ from hardware.emulator.mechanics import TICK, Mechanics
 from hardware.emulator.memory import ControlTable
 from hardware.emulator.profile import STEP, Profile, limits, shape
 from hardware.readings import VOLTAGE_ERROR
+from hardware.tables import FASTEST_SLOPE
 
 VELOCITY_FILTER = 0.005  # s
-FASTEST_SLOPE = 255
 AMBIENT = 25.0  # degrees Celsius
 OVERLOAD_TIME = 2.0  # s
 HEAT_ERROR, OVERLOAD_ERROR = 0x04, 0x20

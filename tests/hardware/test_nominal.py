@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from envs.replay.derivative import derivative_times
+from envs.servo_numbers import servo_numbers
 from envs.tasks.servo.drive import servo as simulated
-from hardware.config import load_robot
+from hardware.config import Robot, load_robot
 from hardware.connect import make_driver
 from hardware.errors import RobotError
 from hardware.nominal import nominal, write_nominal_model
@@ -52,12 +52,21 @@ def test_the_emulator_is_near_the_nominal_model(name: str, tmp_path: Path) -> No
     """Each robot arms, follows a motion, and its log replays within four counts RMS."""
     robot = load_robot(name, str(public_model(name, tmp_path)))
     robot = write_stand_model(write_nominal_model(robot, tmp_path / "nominal.xml"), tmp_path)
+    error = replay_error(robot, size=0.1, fastest=9.0)
+    assert np.sqrt(np.mean(error**2)) < 4 * 0.00153
+
+
+def replay_error(robot: Robot, size: float, fastest: float) -> np.ndarray:
+    """Return how far the model is from the emulated robot [rad], rms of each joint.
+
+    The goals are waves of this size [rad] about the home pose, of up to `fastest` rad/s.
+    """
     driver = make_driver(robot)
     driver.connect()
     driver.configure()
     middle = home_pose(robot)
     time = np.arange(40)[:, None] / robot.rate
-    waves = 0.1 * np.sin(time * (3 + np.arange(len(middle)) % 7))
+    waves = size * np.sin(time * (fastest / 3 + np.arange(len(middle)) % 7 * fastest / 9))
     low, high = np.array([servo.position for servo in robot.servos]).T
     with Guard(driver) as guard:
         guard.arm()
@@ -68,8 +77,7 @@ def test_the_emulator_is_near_the_nominal_model(name: str, tmp_path: Path) -> No
         np.testing.assert_allclose(volts, robot.supply_of(servo).voltage, atol=0.06)
     joints = [c for c in log.columns if c.startswith("qpos.")]
     measured = np.stack([log.column(joint) for joint in joints], axis=1)
-    error = replay(log, robot) - measured
-    assert np.sqrt(np.mean(error**2)) < 4 * 0.00153
+    return np.sqrt(np.mean((replay(log, robot) - measured) ** 2, axis=0))
 
 
 def test_a_derivative_gain_is_named_with_its_time(tmp_path: Path) -> None:
@@ -80,9 +88,31 @@ def test_a_derivative_gain_is_named_with_its_time(tmp_path: Path) -> None:
         model = mujoco.MjModel.from_xml_path(str(path))
         assert model.nnumeric == len(robot.servos)
         # kd / kp = (D / 16) 1 ms / (P / 256), P = 600 and D = 200
-        time = derivative_times(model)[model.actuator("if_mcp_act").id]  # as replays read it
+        time = servo_numbers(model, "derivative_time", 0.0)[model.actuator("if_mcp_act").id]
         assert time == pytest.approx(200 / 16 * 1e-3 / (600 / 256))
     assert not nominal(load_robot("arm6")).compile().nnumeric
+
+
+def test_a_slope_of_the_voltage_is_a_rate_of_the_torque(tmp_path: Path) -> None:
+    """An XL330's 140 is 0.277 V/ms, as K / R of torque; an XL430 has no such register."""
+    robot = load_robot("koch", str(public_model("koch", tmp_path)))
+    model = mujoco.MjModel.from_xml_path(
+        str(write_nominal_model(robot, tmp_path / "koch.xml").model)
+    )
+    rates = servo_numbers(model, "torque_rate", np.inf)
+    small = np.array([servo.model == "xl330-m288" for servo in robot.servos])
+    np.testing.assert_allclose(rates[small], 140 * 1.977 * 0.386 / 3.40, rtol=1e-5)
+    assert 0 < small.sum() < len(small) and np.isinf(rates[~small]).all()
+    assert model.opt.timestep == 0.001  # s; its own steps are four times as long
+
+
+def test_servos_with_a_slope_and_a_derivative_gain_agree_with_the_nominal_model(
+    tmp_path: Path,
+) -> None:
+    """Koch's small servos have both: fast steps replay within three counts RMS."""
+    robot = load_robot("koch", str(public_model("koch", tmp_path)))
+    robot = write_stand_model(write_nominal_model(robot, tmp_path / "nominal.xml"), tmp_path)
+    assert replay_error(robot, size=0.15, fastest=14.0).max() < 3 * 0.00153
 
 
 def test_a_model_of_other_actuators_is_refused(tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ import mujoco
 import numpy as np
 
 from envs.effects.base import Effect
+from envs.effects.pwm_slope import PwmSlope
 from envs.effects.registry import make
 from envs.errors import TaskError, refuse_unknown
 from envs.noise import uniform
@@ -30,7 +31,6 @@ from envs.physics.arrays import Array, Arrays
 from envs.quiet import no_deprecation_notice
 from envs.tasks.base import CommandState, State, Task
 from envs.tasks.servo.drive import COUNT, ideal, max_torque_rate, servo
-from envs.tasks.servo.pwm_slope import PwmSlope
 from envs.tasks.servo.robot import read_machine
 
 Fidelity = Literal["ideal", "servo"]

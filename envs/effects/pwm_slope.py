@@ -1,6 +1,9 @@
 """The firmware's limit on how fast a servo changes its voltage (PWM Slope of the XL330).
 
 It belongs to the servo's settings, not to what a robot may differ in: no effect of the vocabulary.
+A model that states such limits has them in every plant:
+
+    <numeric name="torque_rate.elbow" data="31.4"/>           <!-- N·m/s, of an actuator -->
 """
 
 import mujoco
@@ -10,6 +13,7 @@ from envs.effects.base import Effect
 from envs.effects.bound import SubstepRule
 from envs.effects.plant_view import PlantView
 from envs.params import Parameter
+from envs.servo_numbers import servo_numbers
 
 
 class _Slope(SubstepRule):
@@ -61,3 +65,9 @@ class PwmSlope(Effect):
     def bind(self, plant: PlantView) -> SubstepRule:
         """Narrow the ranges before each substep."""
         return _Slope(plant, self.rates * plant.model.opt.timestep)
+
+
+def stated_slope(model: mujoco.MjModel) -> tuple[PwmSlope, ...]:
+    """Return the limit that a model states of its servos, if of any."""
+    rates = servo_numbers(model, "torque_rate", np.inf)
+    return (PwmSlope(rates),) if np.isfinite(rates).any() else ()
