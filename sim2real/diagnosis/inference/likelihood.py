@@ -212,14 +212,22 @@ class Likelihood:
     def is_usual(self, trained: Trained) -> bool:
         """Return whether common errors are as small as their prior lets expect.
 
-        Of U independent ones with that prior the squares sum up to more than the quantile of a
-        chi-square distribution of U degrees of freedom with probability `level`.
+        Their estimates shrink: of a direction that readings tell to a share k, the estimate is k
+        times as far from zero as the errors themselves, and k^2 of a square is expected. The sum of
+        such squares is as a chi-square variable of the same mean and variance (Satterthwaite 1946,
+        doi:10.2307/3002019), and exceeds what is allowed here with probability `level`.
 
         Args:
             trained: on the windows of a fold.
         """
         squares = float(trained.mean @ trained.mean) / self._evidence
-        return bool(squares <= chi2.isf(self.settings.level, max(len(trained.mean), 1)))
+        told = 1 - 1 / np.linalg.eigvalsh(trained.precision)  # the precision of the prior is 1
+        if not (told > 0).any():
+            return True
+        expected = np.square(told)
+        scale = float(expected @ expected / expected.sum())
+        freedom = float(expected.sum()) / scale
+        return bool(squares <= scale * chi2.isf(self.settings.level, freedom))
 
     def curvature(
         self,

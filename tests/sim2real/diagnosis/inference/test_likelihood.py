@@ -182,4 +182,19 @@ def test_common_errors_are_usual_within_their_prior(deviations: float, usual: bo
     trained = likelihood.train(likelihood.project(Small().errors), np.arange(W))
     evidence = max(SETTINGS.temperature * likelihood.used.sum() / 2, 1.0)
     mean = deviations * np.sqrt(evidence) * np.array([0.6, 0.8])
-    assert likelihood.is_usual(trained._replace(mean=mean)) is usual
+    known = trained._replace(mean=mean, precision=1e9 * np.eye(2))
+    assert likelihood.is_usual(known) is usual
+
+
+def test_what_readings_do_not_tell_of_common_errors_allows_no_more_of_the_others() -> None:
+    """Of errors drawn from their prior one in twenty is unusual, though few directions are seen."""
+    rng = np.random.default_rng(3)
+    likelihood = Small().likelihood
+    trained = likelihood.train(likelihood.project(Small().errors), np.arange(W))
+    evidence = max(SETTINGS.temperature * likelihood.used.sum() / 2, 1.0)
+    precision = np.diag(1.0 + np.array([1e6, 50.0, 2.0, *[1e-3] * 9]))
+    shrinks = 1 - 1 / np.diag(precision)
+    draws = np.sqrt(evidence) * shrinks * rng.normal(size=(4000, len(shrinks)))
+    made = (trained._replace(mean=mean, precision=precision) for mean in draws)
+    share = np.mean([likelihood.is_usual(one) for one in made])
+    assert share == pytest.approx(1 - SETTINGS.level, abs=0.01)
