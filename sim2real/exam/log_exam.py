@@ -9,6 +9,7 @@ The robots are emulated ones; in some of them an effect is hidden as well. Rules
   and a size within `NEAR`. Of a mistake in all joints, the robot or any joint is its place.
 * An answer is wrong for good if it is called `explained` and no cause is a mistake in the log: the
   robot is then blamed for what was written.
+* A mistake that leaves the log as near to its simulation as before is drawn again.
 * A hidden effect is found if a cause of kind `robot` has its name and place.
 """
 
@@ -19,6 +20,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+import mujoco
 import numpy as np
 
 from hardware.config import load_robot
@@ -29,6 +31,7 @@ from sim2real.exam.hiding import EFFECTS
 from sim2real.exam.hold import KEY, Examiner, Outline, read_case
 from sim2real.exam.log_mistakes import KINDS, PAIRED, Mistake, draw_mistake
 from sim2real.exam.logs import drive, exam_robot, plans
+from sim2real.exam.measure import apart
 from sim2real.exam.score import cases, wilson, words
 from sim2real.exam.sizes import Hidden, entries, hide
 from sim2real.runs.errors import Sim2RealError
@@ -36,6 +39,8 @@ from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
 
 log_ = logging.getLogger(__name__)
+REDRAWS = 20  # of a mistake, where the log does not show the first one
+COUNT = 2 * np.pi / 4096  # rad, of the servos' encoders
 NEAR = 0.1  # relative error of a mistake's size that passes
 COLUMNS = ("episode", "time", "ctrl", "qpos", "qvel", "torque", "stamp", "flag")  # that are logged
 # Effects that a mistake could be taken for are not hidden together with it.
@@ -121,7 +126,14 @@ class LogExam(Examiner):
         except HardwareError as stopped:
             log_.debug("%s: %s", robot.name, stopped)
             return False
-        mistake = draw_mistake(np.random.default_rng([outline.seed, 4]), log, outline.kind)
+        rng, spec = (
+            np.random.default_rng([outline.seed, 4]),
+            mujoco.MjSpec.from_file(str(robot.model)),
+        )
+        drawn = (draw_mistake(rng, log, outline.kind) for _ in range(REDRAWS))
+        mistake = next((one for one in drawn if shows(one, log, spec)), None)
+        if mistake is None:
+            return False
         write_log(logs / "a.csv", mistake.apply(_plain(log)))
         write_task(logs, ())
         truth = {
@@ -143,6 +155,16 @@ class LogExam(Examiner):
     ) -> dict[str, tuple[str, Table]]:
         """Return the figures and all cases; see `Examiner`."""
         return {"table": ("Figures", summary(marks)), "cases": ("Cases", cases(marks))}
+
+
+def shows(mistake: Mistake, log: Log, spec: mujoco.MjSpec) -> bool:
+    """Return whether a mistake changes how far a log is from its simulation.
+
+    Where commands and readings of a symmetric joint are both reversed, the log is that of its
+    mirror image, and as right as before.
+    """
+    before, after = apart(log, spec), apart(mistake.apply(log), spec)
+    return not bool(np.abs(after - before).max() <= COUNT)  # a replay that fails shows it, too
 
 
 def mark(key: Mapping[str, Any], report: Mapping[str, Any] | None) -> LogMark:

@@ -5,12 +5,14 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import pytest
 
 from hardware.log import read_log
 from sim2real.exam.hold import KEY, Outline
-from sim2real.exam.log_exam import BESIDE, LogExam, LogMark, mark, summary
+from sim2real.exam.log_exam import BESIDE, LogExam, LogMark, mark, shows, summary
 from sim2real.exam.log_mistakes import KINDS, PAIRED, Mistake
+from sim2real.exam.logs import drive, exam_robot, plans
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.statistics import Interval
 
@@ -36,6 +38,21 @@ def test_an_exam_that_cannot_be_drawn_is_refused(wrong: dict) -> None:
     given: dict[str, Any] = {"robots": ["arm2"], "count": 60, "beside": 15}
     with pytest.raises(Sim2RealError, match=r"cannot be drawn|block=0"):
         LogExam(**(given | {"longest": 60.0, "block": 60} | wrong))
+
+
+def test_a_mistake_that_no_log_shows_is_not_hidden(tmp_path: Path) -> None:
+    """Bench1 hangs: its mirror image moves as it does. One column reversed, or a shoulder, shows.
+
+    Arm2's elbow is bent where its shoulder is: reversed alone, it is another robot's.
+    """
+    both = ("ctrl", "qpos")
+    for name, joint, shown in (("bench1", "hinge", False), ("arm2", "elbow", True)):
+        robot = exam_robot(name, tmp_path)
+        log = drive(robot, [], plans(robot, 1)["a_again"], 3)
+        spec = mujoco.MjSpec.from_file(str(robot.model))
+        assert shows(Mistake("reversal", both, joint, -1.0), log, spec) is shown
+        for column in both:
+            assert shows(Mistake("reversal", (column,), joint, -1.0), log, spec)
 
 
 TURN = Mistake("turn", ("qpos",), "elbow", 1.0, seconds=4.0)
