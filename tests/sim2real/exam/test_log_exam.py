@@ -41,9 +41,9 @@ def test_an_exam_that_cannot_be_drawn_is_refused(wrong: dict) -> None:
 
 
 def test_a_mistake_that_no_log_shows_is_not_hidden(tmp_path: Path) -> None:
-    """Bench1 hangs: its mirror image moves as it does. One column reversed, or a shoulder, shows.
+    """Both columns of a hanging pendulum reversed are its mirror image's, which moves alike.
 
-    Arm2's elbow is bent where its shoulder is: reversed alone, it is another robot's.
+    One column alone shows, and so do both of an elbow whose shoulder is not reversed with it.
     """
     both = ("ctrl", "qpos")
     for name, joint, shown in (("bench1", "hinge", False), ("arm2", "elbow", True)):
