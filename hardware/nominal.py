@@ -13,7 +13,7 @@ What no actuator of the engine has, the model states in numbers, which our simul
 derivative time kd / kp [s], since a derivative gain acts on the goal's motion too, and the largest
 rate of the torque before back-EMF [N·m/s], where a register limits the slope of the voltage:
 `<numeric name="derivative_time.ACTUATOR" data="0.004"/>`, `<numeric name="torque_rate.ACTUATOR"
-data="31.4"/>`. A servo's law acts every millisecond, so that the model steps no longer than that.
+data="31.4"/>`.
 """
 
 import math
@@ -62,7 +62,6 @@ def nominal(robot: Robot) -> mujoco.MjSpec:
         )
     for number in [n for n in spec.numerics if n.name.partition(".")[0] in (TIME, RATE)]:
         spec.delete(number)
-    spec.option.timestep = min(spec.option.timestep, TICK)
     for servo in robot.servos:
         actuator = actuators[servo.name]
         for name, value in _set_servo(actuator, robot, servo).items():
