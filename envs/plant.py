@@ -37,7 +37,7 @@ from envs.effects.goal import Goal
 from envs.effects.history import CommandHistory
 from envs.effects.layout import Layout, edited
 from envs.effects.plant_view import PlantView
-from envs.effects.pwm_slope import stated_slope
+from envs.effects.pwm_slope import list_stated_slope
 from envs.effects.registry import refuse_elsewhere
 from envs.errors import EffectError, TaskError
 from envs.memory import check_memory, row_bytes, share_memory
@@ -81,7 +81,8 @@ class Plant:
     Raises:
         EffectError: an effect that the robot or the engine cannot have, or the same one fixed and
             drawn where they do not compose.
-        TaskError: an engine that is not there or cannot step the model.
+        TaskError: an engine that is not there or cannot step the model; a wrong number that the
+            model states of a servo.
         ParameterError: a fixed value outside its range.
         EnvsError: more simulations than the machine has memory for.
     """
@@ -102,7 +103,7 @@ class Plant:
         if num_rows < 1:
             raise TaskError(f"num_rows={num_rows} must be at least 1")
         self.nominal = spec.copy().compile() if nominal is None else nominal
-        fixed = [*((effect, ()) for effect in stated_slope(self.nominal)), *fixed]
+        fixed = [*list_stated_slope(self.nominal), *fixed]
         _refuse_doubles(effects, [effect for effect, _ in fixed])
         every = [effect for effect, _ in fixed] + list(effects)
         refuse_elsewhere(every, physics)

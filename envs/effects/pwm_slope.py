@@ -12,8 +12,9 @@ import numpy as np
 from envs.effects.base import Effect
 from envs.effects.bound import SubstepRule
 from envs.effects.plant_view import PlantView
+from envs.errors import TaskError
 from envs.params import Parameter
-from envs.servo_numbers import servo_numbers
+from envs.servo_numbers import TORQUE_RATE, servo_numbers
 
 
 class _Slope(SubstepRule):
@@ -67,7 +68,19 @@ class PwmSlope(Effect):
         return _Slope(plant, self.rates * plant.model.opt.timestep)
 
 
-def stated_slope(model: mujoco.MjModel) -> tuple[PwmSlope, ...]:
-    """Return the limit that a model states of its servos, if of any."""
-    rates = servo_numbers(model, "torque_rate", np.inf)
-    return (PwmSlope(rates),) if np.isfinite(rates).any() else ()
+def list_stated_slope(model: mujoco.MjModel) -> list[tuple[Effect, tuple[()]]]:
+    """Return the limit that a model states of its servos, as a fixed effect, if it states any.
+
+    Raises:
+        TaskError: a number that is wrong (see `servo_numbers`), or of an actuator whose force has
+            no limit that could be narrowed.
+    """
+    rates = servo_numbers(model, TORQUE_RATE, np.inf)
+    limited = np.isfinite(rates)
+    if (free := np.flatnonzero(limited & (model.actuator_forcelimited == 0))).size:
+        name = model.actuator(int(free[0])).name
+        raise TaskError(
+            f'<numeric name="torque_rate.{name}">: the actuator has no forcerange; give it that of '
+            "its servo, or remove the element"
+        )
+    return [(PwmSlope(rates), ())] if limited.any() else []

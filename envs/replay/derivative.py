@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from scipy.signal import lfilter
 
-from envs.servo_numbers import servo_numbers
+from envs.servo_numbers import DERIVATIVE_TIME, servo_numbers
 
 FILTER = 0.002  # s; an assumption, since makers do not publish it, as in the emulated servos
 
@@ -27,7 +27,7 @@ def add_derivatives(model: mujoco.MjModel, ctrl: np.ndarray, held: np.ndarray) -
         ctrl: the command in force at each physics step, (N, K, nu).
         held: the one before, (N, nu).
     """
-    times = servo_numbers(model, "derivative_time", 0.0)
+    times = servo_numbers(model, DERIVATIVE_TIME, 0.0)
     if not times.any():
         return ctrl
     timestep, has = model.opt.timestep, np.flatnonzero(times)

@@ -33,14 +33,13 @@ from sim2real.exam.log_mistakes import KINDS, PAIRED, Mistake, draw_mistake
 from sim2real.exam.logs import drive, exam_robot, plans
 from sim2real.exam.measure import apart
 from sim2real.exam.score import cases, wilson, words
-from sim2real.exam.sizes import Hidden, entries, hide
+from sim2real.exam.sizes import COUNT, Hidden, entries, hide
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
 
 log_ = logging.getLogger(__name__)
 REDRAWS = 20  # of a mistake, where the log does not show the first one
-COUNT = 2 * np.pi / 4096  # rad, of the servos' encoders
 NEAR = 0.1  # relative error of a mistake's size that passes
 COLUMNS = ("episode", "time", "ctrl", "qpos", "qvel", "torque", "stamp", "flag")  # that are logged
 # Effects that a mistake could be taken for are not hidden together with it.
@@ -126,10 +125,8 @@ class LogExam(Examiner):
         except HardwareError as stopped:
             log_.debug("%s: %s", robot.name, stopped)
             return False
-        rng, spec = (
-            np.random.default_rng([outline.seed, 4]),
-            mujoco.MjSpec.from_file(str(robot.model)),
-        )
+        rng = np.random.default_rng([outline.seed, 4])
+        spec = mujoco.MjSpec.from_file(str(robot.model))
         drawn = (draw_mistake(rng, log, outline.kind) for _ in range(REDRAWS))
         mistake = next((one for one in drawn if shows(one, log, spec)), None)
         if mistake is None:

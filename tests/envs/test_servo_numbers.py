@@ -25,5 +25,13 @@ def test_each_actuator_has_its_number_or_the_default() -> None:
 def test_a_number_of_no_actuator_is_refused() -> None:
     """The message names the element and the actuator that was probably meant."""
     model = mujoco.MjModel.from_xml_string(TEXT.replace("rate.lift", "rate.lifd"))
-    with pytest.raises(TaskError, match=r"torque_rate\.lifd.*no actuator 'lifd'.*lift"):
+    with pytest.raises(TaskError, match=r"torque_rate\.lifd.*no actuator 'lifd'.*lift.*rename"):
+        servo_numbers(model, "torque_rate", np.inf)
+
+
+@pytest.mark.parametrize("number", ["0", "-5"])
+def test_a_number_that_is_not_positive_is_refused(number: str) -> None:
+    """A torque that can never change would be no servo's."""
+    model = mujoco.MjModel.from_xml_string(TEXT.replace('data="5"', f'data="{number}"'))
+    with pytest.raises(TaskError, match=rf"torque_rate\.lift.*{number} must be above 0; remove"):
         servo_numbers(model, "torque_rate", np.inf)

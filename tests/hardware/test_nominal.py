@@ -6,10 +6,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from envs.servo_numbers import servo_numbers
+from envs.replay.derivative import FILTER
+from envs.servo_numbers import DERIVATIVE_TIME, TORQUE_RATE, servo_numbers
+from envs.tasks.servo.drive import max_torque_rate
 from envs.tasks.servo.drive import servo as simulated
 from hardware.config import Robot, load_robot
 from hardware.connect import make_driver
+from hardware.emulator.control import DERIVATIVE_FILTER
 from hardware.errors import RobotError
 from hardware.nominal import nominal, write_nominal_model
 from hardware.record import record
@@ -45,6 +48,10 @@ def test_what_is_diagnosed_and_what_is_trained_are_the_same_servos(name: str, tm
     theirs = spec.compile()
     for field in ("actuator_gainprm", "actuator_biasprm", "actuator_forcerange"):
         np.testing.assert_allclose(getattr(model, field), getattr(theirs, field), rtol=2e-3)
+    trained = {s.name: max_torque_rate(s.model, robot.registers_of(s)) for s in robot.servos}
+    stated = servo_numbers(model, TORQUE_RATE, np.inf)
+    for actuator, rate in trained.items():
+        assert stated[model.actuator(actuator).id] == pytest.approx(rate, rel=2e-3)
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -88,9 +95,14 @@ def test_a_derivative_gain_is_named_with_its_time(tmp_path: Path) -> None:
         model = mujoco.MjModel.from_xml_path(str(path))
         assert model.nnumeric == len(robot.servos)
         # kd / kp = (D / 16) 1 ms / (P / 256), P = 600 and D = 200
-        time = servo_numbers(model, "derivative_time", 0.0)[model.actuator("if_mcp_act").id]
+        time = servo_numbers(model, DERIVATIVE_TIME, 0.0)[model.actuator("if_mcp_act").id]
         assert time == pytest.approx(200 / 16 * 1e-3 / (600 / 256))
     assert not nominal(load_robot("arm6")).compile().nnumeric
+
+
+def test_a_replay_filters_a_derivative_as_the_emulated_servos_do() -> None:
+    """One assumption, written in two rooms that know nothing of each other."""
+    assert FILTER == DERIVATIVE_FILTER
 
 
 def test_a_slope_of_the_voltage_is_a_rate_of_the_torque(tmp_path: Path) -> None:
@@ -99,7 +111,7 @@ def test_a_slope_of_the_voltage_is_a_rate_of_the_torque(tmp_path: Path) -> None:
     model = mujoco.MjModel.from_xml_path(
         str(write_nominal_model(robot, tmp_path / "koch.xml").model)
     )
-    rates = servo_numbers(model, "torque_rate", np.inf)
+    rates = servo_numbers(model, TORQUE_RATE, np.inf)
     small = np.array([servo.model == "xl330-m288" for servo in robot.servos])
     np.testing.assert_allclose(rates[small], 140 * 1.977 * 0.386 / 3.40, rtol=1e-5)
     assert 0 < small.sum() < len(small) and np.isinf(rates[~small]).all()

@@ -29,6 +29,7 @@ from envs.errors import TaskError, refuse_unknown
 from envs.noise import uniform
 from envs.physics.arrays import Array, Arrays
 from envs.quiet import no_deprecation_notice
+from envs.servo_numbers import remove_servo_numbers
 from envs.tasks.base import CommandState, State, Task
 from envs.tasks.servo.drive import COUNT, ideal, max_torque_rate, servo
 from envs.tasks.servo.robot import read_machine
@@ -89,6 +90,7 @@ class ServoTask(Task):
         machine = self.machine
         with no_deprecation_notice():
             spec = mujoco.MjSpec.from_file(str(ASSETS / self.asset))
+        remove_servo_numbers(spec)
         spec.option.timestep = TIMESTEP
         # one robot is one island: the same bits without the search for islands, a tenth sooner
         spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)

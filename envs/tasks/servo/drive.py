@@ -38,7 +38,8 @@ class ServoMotorConstants(NamedTuple):
     `stiff` is what a naive model takes for its stiffness [N·m/rad]: a guess. `full` is the register
     of full duty, `max_pwm` the largest that the firmware gives, `limit` the register that lowers
     it, `derivative` the divisor of the D gain register (None: not known), `slope` one step of the
-    PWM slope register [V/s], `current` one of the goal current's [A] (None: it has none).
+    PWM slope register [V/s], `current` one of the goal current's [A] (None: it has none),
+    `factory_slope` the PWM slope register as delivered.
     """
 
     constant: float
@@ -52,13 +53,18 @@ class ServoMotorConstants(NamedTuple):
     derivative: int | None = DERIVATIVE
     slope: float = SLOPE
     current: float | None = None
+    factory_slope: int = NO_SLOPE
 
 
 KINDS = {
     # constant, resistance, divisor: identified in Rhoban's BAM, params/xl330; stall: e-manual, 5 V
-    "xl330-m288": ServoMotorConstants(0.386, 3.40, 256, 0.52, 10.0, current=0.001),
+    "xl330-m288": ServoMotorConstants(
+        0.386, 3.40, 256, 0.52, 10.0, current=0.001, factory_slope=140
+    ),
     # sqrt(0.215 N·m / 1.47 A * 5 V / 40.1 rad/s) and 5 V / 1.47 A of its data sheet
-    "xl330-m077": ServoMotorConstants(0.135, 3.40, 256, 0.215, 10.0, current=0.001),
+    "xl330-m077": ServoMotorConstants(
+        0.135, 3.40, 256, 0.215, 10.0, current=0.001, factory_slope=140
+    ),
     # sqrt(1.4 N·m / 1.3 A * 11.1 V / 6.0 rad/s) and 11.1 V / 1.3 A of its data sheet;
     # stiffness: that of a public model of such servos (MuJoCo Menagerie's dynamixel_2r)
     "xl430-w250": ServoMotorConstants(1.42, 8.54, 128, 1.4, 50.0),
@@ -104,7 +110,8 @@ def motor_constants(name: str) -> ServoMotorConstants:
 
 def max_torque_rate(name: str, registers: Mapping[str, int]) -> float:
     """Return how fast the firmware lets a motor's torque change [N·m/s]; inf for no limit."""
-    motor, steps = motor_constants(name), registers.get("pwm_slope", NO_SLOPE)
+    motor = motor_constants(name)
+    steps = registers.get("pwm_slope", motor.factory_slope)
     return (
         math.inf if steps >= NO_SLOPE else steps * motor.slope * motor.constant / motor.resistance
     )

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from envs.effects.pwm_slope import PwmSlope
-from envs.errors import EffectError
+from envs.errors import EffectError, TaskError
 from envs.plant import Plant
 from envs.replay.rollout import rollout
 
@@ -39,6 +39,13 @@ def test_a_stated_rate_holds_the_torque_back_and_no_further() -> None:
     assert np.abs(np.diff(held)).max() < RATE * DT * (1 + 1e-3)
     free = torques(ARM.replace(NUMBER, ""), goals)
     assert np.diff(free).max() == pytest.approx(LIMIT, rel=1e-3)  # at once
+
+
+def test_a_rate_of_an_actuator_without_a_limit_is_refused() -> None:
+    """It would do nothing: what narrows is the range of forces."""
+    free = ARM.replace(f' forcerange="-{LIMIT} {LIMIT}"', "")
+    with pytest.raises(TaskError, match=r"torque_rate\.arm.*no forcerange; give it"):
+        Plant(mujoco.MjSpec.from_string(free))
 
 
 def test_a_rate_is_stated_or_given_but_not_both() -> None:

@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
+import numpy as np
 import pytest
 
 from hardware.log import read_log
 from sim2real.exam.hold import KEY, Outline
 from sim2real.exam.log_exam import BESIDE, LogExam, LogMark, mark, shows, summary
-from sim2real.exam.log_mistakes import KINDS, PAIRED, Mistake
+from sim2real.exam.log_mistakes import KINDS, PAIRED, Mistake, draw_mistake
 from sim2real.exam.logs import drive, exam_robot, plans
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.statistics import Interval
@@ -53,6 +54,20 @@ def test_a_mistake_that_no_log_shows_is_not_hidden(tmp_path: Path) -> None:
         assert shows(Mistake("reversal", both, joint, -1.0), log, spec) is shown
         for column in both:
             assert shows(Mistake("reversal", (column,), joint, -1.0), log, spec)
+
+
+def test_what_no_log_shows_is_drawn_again_when_a_case_is_made(tmp_path: Path) -> None:
+    """A seed that draws both columns of the pendulum first leaves one of them in the case."""
+    logs, keys = tmp_path / "logs", tmp_path / "key"
+    logs.mkdir()
+    keys.mkdir()
+    robot = exam_robot("bench1", tmp_path)
+    log = drive(robot, [], plans(robot, 1)["a_again"], 3)
+    first = {s: draw_mistake(np.random.default_rng([s, 4]), log, "reversal") for s in range(20)}
+    seed = next(seed for seed, one in first.items() if one.columns == ("ctrl", "qpos"))
+    assert EXAM.make(Outline("case_000", "reversal", "bench1", (), seed), logs, keys)
+    made = Mistake.from_json(json.loads((keys / KEY).read_text())["mistake"])
+    assert made.kind == "reversal" and len(made.columns) == 1
 
 
 TURN = Mistake("turn", ("qpos",), "elbow", 1.0, seconds=4.0)

@@ -1,5 +1,6 @@
 """Follow: any arm on its sines, within its limits; the STS3215's constants from its registers."""
 
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -74,3 +75,36 @@ def test_a_model_has_to_be_given() -> None:
     """The SO-101's is not part of the project; the message says how to give it."""
     with pytest.raises(TaskError, match=r"give env\.task\.model=PATH"):
         Follow()
+
+
+KOCH = """<mujoco><option gravity="0 0 0"/>
+  <custom><numeric name="torque_rate.lift" data="31.4"/></custom>
+  <worldbody><body><joint name="lift" axis="0 1 0" range="-1.5 1.5"/>
+    <geom type="capsule" fromto="0 0 0 0.1 0 0" size="0.01" mass="0.05"/></body></worldbody>
+  <actuator><position name="lift" joint="lift" kp="5" forcerange="-0.5 0.5"/></actuator>
+</mujoco>"""
+
+
+def test_the_file_says_how_fast_a_torque_changes_whatever_the_model_states(tmp_path: Path) -> None:
+    """An XL330 limits it as delivered, an ideal servo never; a nominal model's number is not added.
+
+    As delivered: 140 steps of 1.977 V/s, times K / R.
+    """
+    model = tmp_path / "nominal.xml"
+    model.write_text(KOCH)
+    data = yaml.safe_load((ROBOTS / "bench1.yaml").read_text(encoding="utf-8"))
+    data["servos"] = {"lift": data["servos"].pop("hinge")}
+    for register, rate in ((None, 140), (70, 70), (255, None)):
+        data["registers"].pop("pwm_slope", None)
+        data["registers"] |= {} if register is None else {"pwm_slope": register}
+        slopes = slopes_of(Follow("servo", data, str(model)))
+        expected = [] if rate is None else [pytest.approx(rate * 1.977 * 0.386 / 3.40)]
+        assert slopes == expected
+        assert slopes_of(Follow("ideal", data, str(model))) == []
+
+
+def slopes_of(task: Follow) -> list[float]:
+    """Return the rates [N·m/s] that a simulation of the task's robot keeps to."""
+    sim = Simulation(task, 1, threads=1)
+    rates = [getattr(rule, "steps", ()) for rule in sim.plant.substep_rules]  # N·m a step
+    return [float(rate) / sim.plant.model.opt.timestep for own in rates for rate in own]
