@@ -195,8 +195,7 @@ class Judge:
 
     def _measure_left(self, fit: Fit) -> Left:
         windows, readings = self.left_in_windows(fit), self.rows * len(self.most)
-        few = int(self.settings.moments * len(windows))
-        lasting = np.argsort(np.argsort(-windows)) >= few
+        lasting = np.argsort(np.argsort(-windows)) >= int(self.settings.moments * len(windows))
         gain = self.bootstrap.gain(np.where(lasting, windows, 0.0))
         held = (one.held[lasting] / self.replayer.noise for one in (self.given, fit))
         before, after = (np.sqrt(np.square(errors).sum()) for errors in held)
@@ -359,13 +358,16 @@ class Judge:
     def _refit(
         self, best: Fit, tried: dict[str, Fit], again: bool = True
     ) -> tuple[Fit, dict[str, Fit]]:
-        """Return the best and its nearest rivals, fitted where the answer is the model."""
+        """Return the best and its nearest rivals, fitted where the answer is the model.
+
+        The best that leaves the log as it is is one: those that mend it may be scored by unknowns
+        around the answer already, the others by those around the model as given.
+        """
         most, others = len(best.hypothesis.members), [f for f in tried.values() if f is not best]
-        others = [f for f in others if 0 < len(f.hypothesis.members) <= most]
-        others.sort(key=lambda fit: -fit.total)
-        finalists = [best, *others[: self.settings.rivals]]
-        finalists += [f for f in others if is_part(f.hypothesis, best.hypothesis)]
-        finalists = pick_distinct(finalists, len(finalists))
+        others = rank_fits([f for f in others if 0 < len(f.hypothesis.members) <= most])
+        parts = [f for f in others if is_part(f.hypothesis, best.hypothesis)]
+        parts += [f for f in others if not f.hypothesis.mended][:1]
+        finalists = pick_distinct([best, *others[: self.settings.rivals], *parts], len(tried))
         self._look(best.hypothesis, best.values)
         fits = self.fitter.fit(map(restart, finalists))
         refitted = {fit.label: self._judge_apart(fit, best) for fit in [self.given, *fits]}

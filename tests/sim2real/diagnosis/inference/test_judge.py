@@ -259,6 +259,25 @@ def test_the_search_ends_where_no_longer_explanation_wins(
     assert len(refined) == 2 and refined[0] == judge.given.label
 
 
+def test_a_log_as_it_is_stays_a_finalist_beside_mended_ones(tmp_path: Path) -> None:
+    """Those are scored by unknowns of their own, which may lift them all above it."""
+    log = arm.make_log(("command_delay", {}, 0.03), noise=NOISE)
+    data = arm.data_of(log, tmp_path)
+    judge, members = Judge(data), {m.label: m for m in Vocabulary(data).members}
+    judge.choices = len(members)
+    names = "command_delay", "observation_delay"
+    late, old = judge.fitter.fit(
+        Start(Hypothesis((members[n],)), np.array([[0.03]])) for n in names
+    )
+    lifted = replace(old, score=late.score + 1.0)
+    shifts = [m for name, m in members.items() if name.startswith("log.row_shift")]
+    others = [replace(lifted, hypothesis=Hypothesis((shift,))) for shift in shifts]
+    assert len(others) > judge.settings.rivals
+    tried = {fit.label: fit for fit in (judge.given, late, lifted, *others)}
+    best, _ = judge._refit(lifted, tried)
+    assert best.label == late.label
+
+
 def test_what_an_excluded_effect_does_as_well_is_not_explained(tmp_path: Path) -> None:
     """All motors weakened alike are a low voltage, and the voltage may not be named."""
     log = arm.make_log(("supply_voltage", {}, 0.8), seconds=12.0, noise=NOISE)
