@@ -128,12 +128,11 @@ class Fitter:
         jobs = [(s.hypothesis, s.hypothesis.clip(s.points[0])) for s in starts]
         return [replay.error for replay in self._replay(jobs)]
 
-    def of_path(self, errors: np.ndarray) -> Fit:
-        """Return a null explanation, whose errors (W, N, M) are known, judged as a fit is."""
-        none = Hypothesis(())
-        zero = Replay(errors, np.zeros_like(errors))
-        state = _State(none, np.zeros((FOLDS, 0)), zero, self._train(zero))
-        return state.judged(errors, self._score(state, zero))
+    def judge(self, hypothesis: Hypothesis, values: np.ndarray, paths: Sequence[np.ndarray]) -> Fit:
+        """Return values (2, P) of a hypothesis, whose errors `Fit.own`, `Fit.held` are known."""
+        own, held = (Replay(errors, np.zeros_like(errors)) for errors in paths)
+        state = _State(hypothesis, values, own, self._train(own))
+        return state.judged(held.error, self._score(state, held))
 
     def score_capped(self, fit: Fit, caps: Sequence[np.ndarray], near: bool = False) -> np.ndarray:
         """Return the scores of a fit, (K, W) nats, whose discrepancy is at most so large.

@@ -80,11 +80,22 @@ class Glance(Quick):
         counts = [min(wanted, max(LEAST, len(own) // HALVES), len(own)) for own in fitter.sides]
         pairs = zip(fitter.sides, counts, strict=True)
         chosen = np.sort(np.concatenate([_pick(own, left[own], n) for own, n in pairs]))
-        rows = every.times[chosen], every.used[chosen], every.noise
-        basis = fitter.likelihood.basis.part(chosen)
-        likelihood = Likelihood(*rows, local[chosen], common[chosen], settings, basis)
+        likelihood = _make_likelihood(fitter, chosen, local, common)
         coarse = every.coarsen(chosen, lost=is_lost(every, given.own))
         super().__init__(fitter, given, coarse, chosen, likelihood)
+
+    def renew(self, fitter: Fitter, local: np.ndarray, common: np.ndarray) -> None:
+        """Judge by other unknowns from now on; see `Glance`."""
+        self.likelihood = _make_likelihood(fitter, self.chosen, local, common)
+
+
+def _make_likelihood(
+    fitter: Fitter, chosen: np.ndarray, local: np.ndarray, common: np.ndarray
+) -> Likelihood:
+    """Return the likelihood of some windows (n,)."""
+    every, basis = fitter.replayer, fitter.likelihood.basis.part(chosen)
+    rows = every.times[chosen], every.used[chosen], every.noise
+    return Likelihood(*rows, local[chosen], common[chosen], fitter.settings, basis)
 
 
 def _pick(windows: np.ndarray, left: np.ndarray, count: int) -> np.ndarray:

@@ -22,7 +22,6 @@ from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.progress import Moving
 from sim2real.diagnosis.data.simulate import Work
 from sim2real.diagnosis.inference.decision import (
-    Left,
     Standing,
     compute_posterior,
     compute_price,
@@ -33,6 +32,7 @@ from sim2real.diagnosis.inference.episodes import follows_episodes
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.glance import NONE
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.inference.left import Left, measure_left
 from sim2real.diagnosis.inference.likelihood import Basis
 from sim2real.diagnosis.inference.moves import (
     is_part,
@@ -50,7 +50,6 @@ from sim2real.diagnosis.inference.search import Search, is_better, keep_better
 from sim2real.diagnosis.inference.unknowns import is_lost, make_fitter
 from sim2real.diagnosis.inference.vocabulary import Vocabulary
 from sim2real.diagnosis.schema import Verdict
-from sim2real.diagnosis.settings import TINY
 
 NULLS = ("each joint stays", "each joint keeps its measured speed")
 SHARES = (0.05, 0.3, 0.5, 0.6, 0.7)  # of the work that is done, by the members that are known
@@ -129,7 +128,6 @@ class Judge:
             vocabulary: what it may be explained by.
         """
         tried, self.choices = {self.given.label: self.given}, vocabulary.choices
-        self._apart: set[str] = set()  # labels of what was judged by unknowns of its own
         best = self._begin([make_start(change) for change in vocabulary.shown], tried)
         while len(best.hypothesis.members) < self.settings.members_max and not self.is_enough(best):
             added = f" in addition to {best.label}" if best.hypothesis.members else ""
@@ -145,6 +143,7 @@ class Judge:
                 best = self.choose(tried)
             if len(best.hypothesis.members) <= len(before.hypothesis.members):
                 break
+            best = self._renew(best, tried)
         excluded: list[Start] = []
         if vocabulary.excluded:
             excluded = vocabulary.list_excluded(self.replay_errors(self.given))
@@ -162,11 +161,20 @@ class Judge:
         """
         for fit in self.fitter.fit(shown):
             if self.wins(self._judge_apart(fit, self.given), self.given):
-                self.search = Search(self, *self._look(fit.hypothesis, fit.values))
-                (best,) = self.fitter.fit([restart(fit)])
-                tried |= {self.given.label: self.given, best.label: best}
-                return best
+                tried[fit.label] = fit
+                return self._renew(fit, tried)
         return self.given
+
+    def _renew(self, best: Fit, tried: dict[str, Fit]) -> Fit:
+        """Return the best; it and what was tried are judged by the unknowns around it, in place.
+
+        Those around another model say little of what is left: they hide a second cause.
+        """
+        self.search.renew(*self._look(best.hypothesis, best.values))
+        for label, fit in tried.items():
+            tried[label] = self.fitter.judge(fit.hypothesis, fit.values, (fit.own, fit.held))
+        tried[self.given.label] = self.given
+        return tried[best.label]
 
     def replay_errors(self, fit: Fit) -> np.ndarray:
         """Return the held-out errors of all rows, (W, T, M), of a fit."""
@@ -190,31 +198,9 @@ class Judge:
     def left(self, fit: Fit) -> Left:
         """Return what a fit leaves."""
         if fit not in self._lefts:
-            self._lefts[fit] = self._measure_left(fit)
+            known = self.fitter, self.bootstrap, self.given
+            self._lefts[fit] = measure_left(*known, fit, self.left_in_windows(fit), self.most)
         return self._lefts[fit]
-
-    def _measure_left(self, fit: Fit) -> Left:
-        windows, readings = self.left_in_windows(fit), self.rows * len(self.most)
-        lasting = np.argsort(np.argsort(-windows)) >= int(self.settings.moments * len(windows))
-        gain = self.bootstrap.gain(np.where(lasting, windows, 0.0))
-        held = (one.held[lasting] / self.replayer.noise for one in (self.given, fit))
-        before, after = (np.sqrt(np.square(errors).sum()) for errors in held)
-        least = np.sqrt(self.replayer.used[lasting].sum() * len(self.most))  # noise alone
-        closes = min(float((before - after) / max(before - least, TINY)), 1.0)
-        whole = self.bootstrap.gain(windows).high / readings
-        total = Gain(*(value / readings for value in gain))
-        usual = all(map(self.fitter.likelihood.is_usual, fit.trained))
-        return Left(total, self._find_worst(fit, lasting, total), whole, closes, usual)
-
-    def _find_worst(self, fit: Fit, lasting: np.ndarray, total: Gain) -> Gain:
-        """Return `Left.worst` in windows (W,) bool; joints are asked if all pass (`total`)."""
-        found = [total]
-        if total.high <= self.settings.equivalence_tolerance:
-            caps = np.where(np.eye(len(self.most)) > 0, self.most, np.inf)
-            for score in self.fitter.score_capped(fit, list(caps), near=True):
-                gain = self.bootstrap.gain(np.where(lasting, fit.score - score, 0.0))
-                found.append(Gain(*(value / self.rows for value in gain)))
-        return max(found, key=lambda gain: gain.high)
 
     def left_in_windows(self, fit: Fit) -> np.ndarray:
         """Return what a free discrepancy gains in each window [nats], (W,)."""
@@ -248,11 +234,14 @@ class Judge:
             What is unknown around its errors; see `unknowns`.
         """
         self.fitter, *unknown = self._make(hypothesis, values)
+        self._around = hypothesis.label
         self.basis = self.fitter.likelihood.basis
         self._lefts: dict[Fit, Left] = {}  # of what was asked, in this likelihood
+        self._apart: set[str] = set()  # labels of what was judged by unknowns of its own instead
         (self.given,) = self.fitter.fit([Start(NONE, np.zeros((1, 0)))])
         paths = (self.replayer.holding(), self.replayer.coasting())
-        self.nulls = {n: self.fitter.of_path(e) for n, e in zip(NULLS, paths, strict=True)}
+        made = zip(NULLS, paths, strict=True)
+        self.nulls = {n: self.fitter.judge(NONE, np.zeros((FOLDS, 0)), (e, e)) for n, e in made}
         return unknown
 
     def choose(self, tried: dict[str, Fit]) -> Fit:
@@ -368,7 +357,8 @@ class Judge:
         parts = [f for f in others if is_part(f.hypothesis, best.hypothesis)]
         parts += [f for f in others if not f.hypothesis.mended][:1]
         finalists = pick_distinct([best, *others[: self.settings.rivals], *parts], len(tried))
-        self._look(best.hypothesis, best.values)
+        if self._around != best.label:
+            self._look(best.hypothesis, best.values)
         fits = self.fitter.fit(map(restart, finalists))
         refitted = {fit.label: self._judge_apart(fit, best) for fit in [self.given, *fits]}
         found = self._prune(refitted, self.fitter)
@@ -387,11 +377,17 @@ class Judge:
         return own.fit([restart(fit)], rounds=0)[0]
 
     def _judge_mended(self, tried: dict[str, Fit]) -> None:
-        """Judge the best of what was tried by unknowns of its own if it mends the log, in place."""
-        top = max(tried.values(), key=lambda fit: fit.total)
-        if top.label not in self._apart and top.hypothesis.mended:
-            self._apart.add(top.label)
-            tried[top.label] = self._judge_apart(top, self.given)
+        """Judge the best of what was tried by unknowns of its own if it mends the log, in place.
+
+        So is the best that leaves the log as it is: else those around another model part the two.
+        """
+        ranked = rank_fits([fit for fit in tried.values() if fit.hypothesis.members])
+        if ranked and ranked[0].label not in self._apart and ranked[0].hypothesis.mended:
+            plain = [fit for fit in ranked if not fit.hypothesis.mended]
+            for fit in [ranked[0], *plain[:1]]:
+                self._apart.add(fit.label)
+                own, *_ = self._make(fit.hypothesis, fit.values)
+                (tried[fit.label],) = own.fit([restart(fit)], rounds=0)
 
     def _make(
         self, hypothesis: Hypothesis, values: np.ndarray

@@ -85,6 +85,11 @@ class Search:
         self.glance = Glance(judge.fitter, judge.given, left, local, common)
         self.lines: list[Line] = []  # through all probes, beside the first
 
+    def renew(self, local: np.ndarray, common: np.ndarray) -> None:
+        """Judge by the judge's present unknowns from now on; see `Search`."""
+        self.quick.likelihood = self._judge.fitter.likelihood
+        self.glance.renew(self._judge.fitter, local, common)
+
     def anchor(self, best: Fit, tried: dict[str, Fit]) -> Fit:
         """Return the best in the model's own steps; longer ones then change nothing of it."""
         if best.hypothesis.members:

@@ -13,6 +13,7 @@ from sim2real.diagnosis.inference import search as searching
 from sim2real.diagnosis.inference.fit import Fit, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
 from sim2real.diagnosis.inference.judge import Judge, Judgement
+from sim2real.diagnosis.inference.likelihood import Likelihood
 from sim2real.diagnosis.inference.log_changes import list_log_changes
 from sim2real.diagnosis.inference.remainder import describe_remainder
 from sim2real.diagnosis.inference.vocabulary import Vocabulary
@@ -20,6 +21,7 @@ from tests.sim2real.diagnosis import arm
 
 NOISE = 3e-4
 FRICTION = ("coulomb_friction", {"where": "b"}, 0.12)
+LATE = ("command_delay", {}, 0.03)
 PROPOSED = ("coulomb_friction.a", "coulomb_friction.b", "viscous_friction.b", "position_gain.b")
 
 
@@ -259,16 +261,18 @@ def test_the_search_ends_where_no_longer_explanation_wins(
     assert len(refined) == 2 and refined[0] == judge.given.label
 
 
+def fit_delays(judge: Judge) -> tuple[list[Fit], dict[str, Member]]:
+    """Return fits of a late command and of late readings, and all members."""
+    members = {m.label: m for m in Vocabulary(judge.data).members}
+    judge.choices, point = len(members), np.array([[0.03]])
+    names = "command_delay", "observation_delay"
+    return judge.fitter.fit(Start(Hypothesis((members[n],)), point) for n in names), members
+
+
 def test_a_log_as_it_is_stays_a_finalist_beside_mended_ones(tmp_path: Path) -> None:
     """Those are scored by unknowns of their own, which may lift them all above it."""
-    log = arm.make_log(("command_delay", {}, 0.03), noise=NOISE)
-    data = arm.data_of(log, tmp_path)
-    judge, members = Judge(data), {m.label: m for m in Vocabulary(data).members}
-    judge.choices = len(members)
-    names = "command_delay", "observation_delay"
-    late, old = judge.fitter.fit(
-        Start(Hypothesis((members[n],)), np.array([[0.03]])) for n in names
-    )
+    judge = Judge(arm.data_of(arm.make_log(LATE, noise=NOISE), tmp_path))
+    (late, old), members = fit_delays(judge)
     lifted = replace(old, score=late.score + 1.0)
     shifts = [m for name, m in members.items() if name.startswith("log.row_shift")]
     others = [replace(lifted, hypothesis=Hypothesis((shift,))) for shift in shifts]
@@ -276,6 +280,45 @@ def test_a_log_as_it_is_stays_a_finalist_beside_mended_ones(tmp_path: Path) -> N
     tried = {fit.label: fit for fit in (judge.given, late, lifted, *others)}
     best, _ = judge._refit(lifted, tried)
     assert best.label == late.label
+
+
+def test_what_was_tried_is_judged_by_unknowns_around_the_best(tmp_path: Path) -> None:
+    """By those alone that a search which starts there would have."""
+    data = arm.data_of(arm.make_log(LATE, FRICTION, noise=NOISE), tmp_path)
+    judge = Judge(data)
+    (late, old), _ = fit_delays(judge)
+    tried = {fit.label: fit for fit in (judge.given, late, old)}
+    own, local, common = judge._make(late.hypothesis, late.values)
+    expected = own.fit([Start(fit.hypothesis, fit.values[None]) for fit in tried.values()], 0)
+    best = judge._renew(late, tried)
+    for fit in expected[::2]:  # that of the best takes over what fits the other half better
+        np.testing.assert_allclose(tried[fit.label].score, fit.score, rtol=1e-9)
+    assert best is tried[late.label]
+    search, chosen = judge.search, judge.search.glance.chosen
+    assert search.quick.likelihood is judge.fitter.likelihood is not own.likelihood
+    (seen,) = search.glance.fit([Start(best.hypothesis, best.values[None])], rounds=0)
+    rows = own.replayer.times[chosen], own.replayer.used[chosen], own.replayer.noise
+    direct = Likelihood(*rows, local[chosen], common[chosen], judge.settings)
+    search.glance.likelihood = direct
+    (same,) = search.glance.fit([Start(best.hypothesis, best.values[None])], rounds=0)
+    np.testing.assert_allclose(seen.score, same.score, rtol=1e-9)
+    before = judge.fitter
+    judge._refit(best, tried)
+    assert judge.fitter is before  # whose unknowns are those around the best already
+
+
+def test_a_mended_log_ahead_is_compared_with_the_log_as_it_is(tmp_path: Path) -> None:
+    """Each by its own unknowns: those around the model as given would favour the mended one."""
+    judge = Judge(arm.data_of(arm.make_log(LATE, noise=NOISE), tmp_path))
+    (late, old), _ = fit_delays(judge)
+    low = replace(late, score=late.score - 1.0)
+    tried = {fit.label: fit for fit in (judge.given, low, old)}
+    judge._judge_mended(tried | {old.label: replace(old, score=low.score - 1.0)})
+    assert not judge._apart
+    tried[old.label] = replace(old, score=low.score + 1.0)
+    judge._judge_mended(tried)
+    assert judge._apart == {late.label, old.label}
+    assert tried[late.label].total > tried[old.label].total
 
 
 def test_what_an_excluded_effect_does_as_well_is_not_explained(tmp_path: Path) -> None:
