@@ -6,7 +6,8 @@
 
 Every change of the robot, its log and its world is looked at in part of the windows; those that
 promise most are fitted, and scored alike, the null explanations with them. The best grows by one
-member as long as each wins what the tolerance asks for, and loses those that do not.
+member as long as each wins what the tolerance asks for, and loses those that do not. What is
+unknown of starts, clocks and parameters is computed around it anew each time.
 """
 
 from __future__ import annotations
