@@ -91,10 +91,7 @@ def _set_servo(actuator: mujoco.MjsActuator, robot: Robot, servo: Servo) -> dict
     actuator.damping[:] = [outside, 0.0, 0.0]
     actuator.forcelimited, actuator.forcerange = 1, [-limit, limit]
     rate = kind.torque_rate(registers.get("pwm_slope", FASTEST_SLOPE))
-    stated = {
-        TIME: kv / kp if kp else 0.0,
-        RATE: rate if math.isfinite(rate) else 0.0,
-    }
+    stated = {TIME: kv / kp if kp else 0.0, RATE: rate if math.isfinite(rate) else 0.0}
     return {name: value for name, value in stated.items() if value}
 
 

@@ -129,7 +129,10 @@ class Fitter:
         return [replay.error for replay in self._replay(jobs)]
 
     def judge(self, hypothesis: Hypothesis, values: np.ndarray, paths: Sequence[np.ndarray]) -> Fit:
-        """Return values (2, P) of a hypothesis, whose errors `Fit.own`, `Fit.held` are known."""
+        """Return values (2, P) of a hypothesis as a fit by this likelihood, without a replay.
+
+        Their errors `Fit.own` and `Fit.held`, (W, N, M) each, are known: `paths`.
+        """
         own, held = (Replay(errors, np.zeros_like(errors)) for errors in paths)
         state = _State(hypothesis, values, own, self._train(own))
         return state.judged(held.error, self._score(state, held))

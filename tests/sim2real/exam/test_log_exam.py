@@ -65,7 +65,7 @@ def test_what_no_log_shows_is_drawn_again_when_a_case_is_made(tmp_path: Path) ->
     log = drive(robot, [], plans(robot, 1)["a_again"], 3)
     first = {s: draw_mistake(np.random.default_rng([s, 4]), log, "reversal") for s in range(20)}
     seed = next(seed for seed, one in first.items() if one.columns == ("ctrl", "qpos"))
-    assert EXAM.make(Outline("case_000", "reversal", "bench1", (), seed), logs, keys)
+    assert EXAM.make(Outline("mirrored", "reversal", "bench1", (), seed), logs, keys)
     made = Mistake.from_json(json.loads((keys / KEY).read_text())["mistake"])
     assert made.kind == "reversal" and len(made.columns) == 1
 
