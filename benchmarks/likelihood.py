@@ -19,8 +19,8 @@ from sim2real.runs.tables import Table
 
 EXAMS = {  # by title: robots that MuJoCo moves, and robots that Drake moves
     "Since release 0.2.0": (
-        tuple(f"blindcheck_{seed}.csv" for seed in (2057, 2058, 2059, 2060, 2061, 2062)),
-        tuple(f"thirdparty_{seed}.csv" for seed in (61, 62, 63, 64, 65, 66)),
+        tuple(f"blindcheck_{seed}.csv" for seed in range(2057, 2064)),
+        tuple(f"thirdparty_{seed}.csv" for seed in range(61, 68)),
     ),
     "Release 0.2.0 and versions before it": (
         tuple(f"blindcheck_{seed}.csv" for seed in (2049, 2051, 2053, 2054, 2055, 2056)),
