@@ -37,11 +37,11 @@ from sim2real.diagnosis.inference.left import Left, measure_left
 from sim2real.diagnosis.inference.likelihood import Basis
 from sim2real.diagnosis.inference.moves import (
     is_part,
+    list_shorter,
     make_start,
     pick_distinct,
     rank_fits,
     restart,
-    without,
 )
 from sim2real.diagnosis.inference.products import HALF
 from sim2real.diagnosis.inference.pushes import Pushed, find_pushes
@@ -268,8 +268,7 @@ class Judge:
     def _prune(self, tried: dict[str, Fit], fitter: Fitter) -> Fit:
         """Return the best explanation, each of whose members wins what it has to."""
         best = self.choose(tried)
-        while len(best.hypothesis.members) > 1:
-            fewer = [without(best, n) for n in range(len(best.hypothesis.members))]
+        while fewer := list_shorter(best):
             at_once = fitter.fit(fewer, rounds=0)
             pairs = zip(fewer, at_once, strict=True)
             keep_better(fitter.fit([s for s, f in pairs if is_better(f, tried)]), tried)

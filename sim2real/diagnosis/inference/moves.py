@@ -140,6 +140,23 @@ def list_untied(fit: Fit, options: Sequence[Candidate]) -> list[Start]:
     return found
 
 
+def list_shorter(fit: Fit) -> list[Start]:
+    """Return a fit without one of several members; with one value for all joints, not for each.
+
+    Args:
+        fit: the explanation, whose other values stay.
+    """
+    members, columns = fit.hypothesis.members, fit.hypothesis.columns
+    found = [without(fit, place) for place in range(len(members)) if len(members) > 1]
+    for place, member in enumerate(members):
+        if isinstance(member, Untied):
+            rest = without(fit, place)
+            base = replace(fit, hypothesis=rest.hypothesis, values=rest.points[0])
+            point = fit.mean[columns[place]].reshape(len(member.parts), -1).mean(axis=0)
+            found.append(join_members(base, (member.tied,), point[None]))
+    return found
+
+
 def is_part(one: Hypothesis, other: Hypothesis) -> bool:
     """Return whether all members of a hypothesis are among those of another."""
     labels = {member.label for member in other.members}

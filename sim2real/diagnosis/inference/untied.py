@@ -19,15 +19,17 @@ LAW = ("name", "how", "variant")  # what effects of one law have in common, wher
 ENDS = ("neutral", "low", "high")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Untied(Candidate):
     """The same effect at several joints.
 
     Args:
-        options: the effect at each of them.
+        tied: the effect with one value for all of them.
+        options: the effect at each.
     """
 
-    options: tuple[Candidate, ...] = ()
+    tied: Candidate
+    options: tuple[Candidate, ...]
 
     @property
     def label(self) -> str:
@@ -65,7 +67,8 @@ def untie(member: Candidate | LogChange, options: Sequence[Candidate]) -> Untied
         np.concatenate([getattr(option, name) for option in own]) for name in ENDS
     )
     points = np.concatenate(probes, axis=1)
-    return Untied(member.effect, None, points, neutral, low, high, member.group, options=own)
+    laid_out = points, neutral, low, high, member.group
+    return Untied(member.effect, None, *laid_out, tied=member, options=own)
 
 
 def _have_one_law(one: Candidate, other: Candidate) -> bool:

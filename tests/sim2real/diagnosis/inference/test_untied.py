@@ -107,3 +107,20 @@ def test_a_fit_of_values_of_their_own_begins_at_the_shared_one(tmp_path: Path) -
     (more,) = judge.fitter.fit([start], rounds=0)
     np.testing.assert_allclose(more.mean[1:], fit.mean[1])
     assert more.total == pytest.approx(fit.total, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("values", "label"), [((0.1, 0.1), SHARED), ((0.05, 0.15), f"{SHARED} (each)")]
+)
+def test_values_of_their_own_have_to_win_their_price(
+    values: tuple, label: str, tmp_path: Path
+) -> None:
+    """One value for all is fitted beside them, although nobody proposed it."""
+    data = arm.data_of(make_rubbing(*values), tmp_path)
+    judge, options = Judge(data), list_effects(data)
+    judge.choices = len(options)
+    many = untie({member.label: member for member in options}[SHARED], options)
+    assert many is not None
+    fit = judge.fitter.fit([Start(Hypothesis((many,)), np.array([values]))])[0]
+    assert judge.choose({fit.label: fit}) is fit
+    assert judge._prune({fit.label: fit}, judge.fitter).label == label
