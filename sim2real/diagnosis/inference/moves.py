@@ -79,6 +79,13 @@ def without(fit: Fit, place: int) -> Start:
     return Start(fit.hypothesis.without(place), fit.values[None][..., kept])
 
 
+def _exchange(fit: Fit, place: int, member: Member, point: np.ndarray) -> Start:
+    """Return a fit with another member, at a point (P,) of its own, in the place of one."""
+    rest = without(fit, place)
+    base = replace(fit, hypothesis=rest.hypothesis, values=rest.points[0])
+    return join_members(base, (member,), point[None])
+
+
 def list_simpler(fit: Fit, place: int, others: Iterable[Member]) -> list[Start]:
     """Return a fit with simpler laws in the place of a member, at the values that they share.
 
@@ -93,16 +100,15 @@ def list_simpler(fit: Fit, place: int, others: Iterable[Member]) -> list[Start]:
     member, column = fit.hypothesis.members[place], fit.hypothesis.columns[place]
     if not isinstance(member, Candidate) or isinstance(member, Untied):
         return []
-    rest, values = without(fit, place), fit.values[:, column]
-    base = replace(fit, hypothesis=rest.hypothesis, values=rest.points[0])
+    rest, values = fit.hypothesis.without(place), fit.values[:, column]
     names = _names_of(member)
     found = {}
     for other in others:
         if not isinstance(other, Candidate) or not _is_simpler(other, member):
             continue
-        if are_compatible(rest.hypothesis, other):
+        if are_compatible(rest, other):
             kept = [names.index(name) for name in _names_of(other)]
-            start = join_members(base, (other,), other.neutral[None])
+            start = _exchange(fit, place, other, other.neutral)
             labels = [one.label for one in start.hypothesis.members]
             start.points[..., start.hypothesis.columns[labels.index(other.label)]] = values[:, kept]
             found[other.label] = start
@@ -133,10 +139,8 @@ def list_untied(fit: Fit, options: Sequence[Candidate]) -> list[Start]:
     for place, column in enumerate(fit.hypothesis.columns):
         more = untie(fit.hypothesis.members[place], options)
         if more is not None:
-            rest = without(fit, place)
-            base = replace(fit, hypothesis=rest.hypothesis, values=rest.points[0])
             point = np.tile(fit.mean[column], len(more.parts))
-            found.append(join_members(base, (more,), point[None]))
+            found.append(_exchange(fit, place, more, point))
     return found
 
 
@@ -150,10 +154,8 @@ def list_shorter(fit: Fit) -> list[Start]:
     found = [without(fit, place) for place in range(len(members)) if len(members) > 1]
     for place, member in enumerate(members):
         if isinstance(member, Untied):
-            rest = without(fit, place)
-            base = replace(fit, hypothesis=rest.hypothesis, values=rest.points[0])
             point = fit.mean[columns[place]].reshape(len(member.parts), -1).mean(axis=0)
-            found.append(join_members(base, (member.tied,), point[None]))
+            found.append(_exchange(fit, place, member.tied, point))
     return found
 
 

@@ -97,7 +97,9 @@ def test_a_late_row_is_named_with_and_without_an_effect_beside(
 def test_degrees_in_one_column_are_named_for_what_they_are(tmp_path: Path) -> None:
     """Judged by unknowns of its own: windows that start at 30 rad would speak against it."""
     log = arm.make_log(noise=NOISE)
-    judgement = judged(with_columns(log, qpos_b=np.degrees(log.columns["qpos.b"])), tmp_path)
+    log = with_columns(log, qpos_b=np.degrees(log.columns["qpos.b"]))
+    data = arm.data_of(log, tmp_path)
+    judgement = Judge(data).judge(Vocabulary(data))
     assert judgement.verdict == "explained"
     assert judgement.best.label == "log.unit.qpos.b"
 
@@ -145,7 +147,7 @@ def test_a_clock_that_speeds_contradict_comes_before_what_imitates_it(tmp_path: 
     log = arm.make_log(*hidden, noise=NOISE)
     speeds = {f"qvel_{n}": np.gradient(log.columns[f"qpos.{n}"], log.time) for n in arm.JOINTS}
     data = arm.data_of(with_columns(log, time=0.8 * log.time, **speeds), tmp_path)
-    effects = ("motor_strength", "armature")
+    effects = ("motor_strength", "armature", "position_gain", "center_of_mass")
     every = {member.label for member in Vocabulary(data, log=False).effects}
     only = {label for label in every if label.startswith(effects)} | {"log.clock.time"}
     judgement = Judge(data).judge(Vocabulary(data, only=only))
