@@ -266,15 +266,16 @@ class Judge:
         return min(near, key=lambda f: (*f.hypothesis.burden, -f.total))
 
     def _prune(self, tried: dict[str, Fit], fitter: Fitter) -> Fit:
-        """Return the best explanation, each of whose members wins what it has to."""
-        best = self.choose(tried)
-        while fewer := list_shorter(best):
-            at_once = fitter.fit(fewer, rounds=0)
-            pairs = zip(fewer, at_once, strict=True)
+        """Return the best explanation, each of whose members wins what it has to.
+
+        What predicts better and is too long is pruned, too: it may be right but for one member.
+        """
+        best, pruned, top = self.choose(tried), set[Fit](), rank_fits([*tried.values()])[0]
+        while longer := [fit for fit in dict.fromkeys((best, top)) if fit not in pruned]:
+            fewer = [short for fit in longer for short in list_shorter(fit)]
+            pairs = zip(fewer, fitter.fit(fewer, rounds=0), strict=True)
             keep_better(fitter.fit([s for s, f in pairs if is_better(f, tried)]), tried)
-            before, best = best, self.choose(tried)
-            if best is before:
-                return best
+            best, pruned = self.choose(tried), pruned.union(longer)
         return best
 
     def _conclude(self, tried: dict[str, Fit], excluded: Sequence[Start] = ()) -> Judgement:

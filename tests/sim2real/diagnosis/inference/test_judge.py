@@ -15,6 +15,7 @@ from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
 from sim2real.diagnosis.inference.judge import Judge, Judgement
 from sim2real.diagnosis.inference.likelihood import Likelihood
 from sim2real.diagnosis.inference.log_changes import list_log_changes
+from sim2real.diagnosis.inference.moves import join_members, make_start
 from sim2real.diagnosis.inference.remainder import describe_remainder
 from sim2real.diagnosis.inference.vocabulary import Vocabulary
 from tests.sim2real.diagnosis import arm
@@ -306,6 +307,24 @@ def test_what_was_tried_is_judged_by_unknowns_around_the_best(tmp_path: Path) ->
     before = judge.fitter
     judge._refit(best, tried)
     assert judge.fitter is before  # whose unknowns are those around the best already
+
+
+def test_an_explanation_that_is_right_but_for_a_member_is_pruned(tmp_path: Path) -> None:
+    """Though a shorter one, which predicts worse, is ahead of it by its price."""
+    judge = Judge(arm.data_of(arm.make_log(FRICTION, seconds=4.0, noise=NOISE), tmp_path))
+    members = {m.label: m for m in Vocabulary(judge.data).members}
+    judge.choices, true, other = (
+        len(members),
+        members["coulomb_friction.b"],
+        members["gravity_tilt"],
+    )
+    (right,) = judge.fitter.fit([make_start(true)])
+    (long,) = judge.fitter.fit([join_members(right, (other,), other.probes)])
+    wrong = fit_of(judge, members["viscous_friction.b"], 0.0)
+    wrong = replace(wrong, score=np.minimum(right.score, long.score) - 0.01)
+    tried = {fit.label: fit for fit in (judge.given, wrong, long)}
+    assert judge.choose(tried) is wrong and long.total > wrong.total
+    assert judge._prune(tried, judge.fitter).label == true.label
 
 
 def test_a_mended_log_ahead_is_compared_with_the_log_as_it_is(tmp_path: Path) -> None:
