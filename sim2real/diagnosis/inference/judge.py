@@ -141,6 +141,7 @@ class Judge:
             before, best = best, self.choose(tried)
             if not self.is_enough(best):
                 self.search.untie(best, vocabulary.effects, tried)
+                self.search.look_closer(before, tried)
                 best = self.choose(tried)
             if len(best.hypothesis.members) <= len(before.hypothesis.members):
                 break

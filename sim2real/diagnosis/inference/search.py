@@ -24,6 +24,7 @@ from sim2real.diagnosis.inference.moves import (
     list_simpler,
     list_untied,
     pick_distinct,
+    rank_fits,
     restart,
     without,
 )
@@ -136,6 +137,20 @@ class Search:
     def untie(self, best: Fit, options: Sequence[Candidate], tried: dict[str, Fit]) -> None:
         """Fit a value for each joint where the best has one for all into what was tried."""
         keep_better(self.quick.fit(list_untied(best, options)), tried)
+
+    def look_closer(self, before: Fit, tried: dict[str, Fit]) -> None:
+        """Fit the best of what is longer in the model's own steps into what was tried, if none won.
+
+        Longer steps change contacts, which may cost what an explanation gains. The best that mends
+        the log was judged in its own ones.
+        """
+        most = len(before.hypothesis.members)
+        if len(self._judge.choose(tried).hypothesis.members) > most:
+            return
+        longer = [fit for fit in tried.values() if len(fit.hypothesis.members) > most]
+        plain = rank_fits([fit for fit in longer if not fit.hypothesis.mended])
+        own = self._judge.fitter.fit(map(restart, plain[: self.settings.rivals]))
+        tried.update({fit.label: fit for fit in own})
 
     def swap(self, best: Fit, tried: dict[str, Fit]) -> None:
         """Fit what does about the same as each member in its place."""

@@ -1,7 +1,7 @@
 """The judge on the arm of the tests: mistakes of the log, effects of the robot, nothing at all."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -325,6 +325,24 @@ def test_an_explanation_that_is_right_but_for_a_member_is_pruned(tmp_path: Path)
     tried = {fit.label: fit for fit in (judge.given, wrong, long)}
     assert judge.choose(tried) is wrong and long.total > wrong.total
     assert judge._prune(tried, judge.fitter).label == true.label
+
+
+def test_before_the_search_ends_the_best_is_fitted_in_the_models_own_steps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Though in longer ones no explanation is better than the model as given."""
+    judge = Judge(arm.data_of(arm.make_log(FRICTION, seconds=4.0, noise=NOISE), tmp_path))
+    own, asked = judge.search.quick.fit, []
+
+    def fit(starts: Iterable[Start], rounds: int | None = None) -> list[Fit]:
+        fits = own(starts, rounds)
+        asked.extend(fit.label for fit in fits)
+        return [replace(fit, score=np.minimum(fit.score, judge.given.score - 1.0)) for fit in fits]
+
+    monkeypatch.setattr(judge.search.quick, "fit", fit)
+    found = judge.judge(Vocabulary(judge.data, only=PROPOSED))
+    assert found.best.label in asked
+    assert (found.verdict, found.best.label) == ("explained", "coulomb_friction.b")
 
 
 def test_a_mended_log_ahead_is_compared_with_the_log_as_it_is(tmp_path: Path) -> None:
