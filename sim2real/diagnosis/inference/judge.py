@@ -135,8 +135,7 @@ class Judge:
             self.moving(f"looking at every change{added}", SHARES[len(best.hypothesis.members)])
             best = self.search.anchor(best, tried)
             starts = vocabulary.list_starts(self.replay_errors(best), self._find_open(best))
-            if not self.search.refine(best, starts, tried):
-                break
+            self.search.refine(best, starts, tried)
             self._judge_mended(tried)
             before, best = best, self.choose(tried)
             if not self.is_enough(best):

@@ -100,18 +100,19 @@ class Search:
             self.glance.anchor(best)
         return best
 
-    def refine(self, best: Fit, starts: Sequence[Start], tried: dict[str, Fit]) -> bool:
+    def refine(self, best: Fit, starts: Sequence[Start], tried: dict[str, Fit]) -> None:
         """Fit what promises most with the best into what was tried; pairs if no change does.
 
-        What acts beyond a threshold only, a stop or a play, has no slope to be screened by: where
-        no straight line promises what it has to win, every change is fitted at a glance. Promises
-        are alike where the discrepancy absorbs the errors: some mistakes of the log, and what comes
-        nearest to it, are always fitted.
+        A promise is the least that a change gains: it leaves the discrepancy as large as it is. So
+        promises tell which changes are fitted, not whether any is worth it.
 
-        Returns:
-            Whether there is a gap, or any change promises what it has to win.
+        What acts beyond a threshold only, a stop or a play, has no slope to be screened by: where
+        there is a gap and no straight line promises what it has to win, every change is fitted at a
+        glance. Promises are alike where the discrepancy absorbs the errors: some mistakes of the
+        log, and what comes nearest to it, are always fitted.
         """
         judge, first, most = self._judge, not self.lines, self.settings.refits
+        gap = not judge.explains(best)
         (base,) = self.glance.fit([restart(best)], rounds=0)
         if not first:
             labels = list_promising(self.glance, base, self.lines, self.settings.promising)
@@ -121,18 +122,15 @@ class Search:
             self.lines = lines
         gains = [line.gain / self.glance.replayer.compared for line in lines]
         prices = [judge.price(Hypothesis((line.member,))) for line in lines]
-        flat = all(map(operator.lt, gains, prices))
-        if flat and judge.explains(best):
-            return False
+        flat = gap and all(map(operator.lt, gains, prices))
         chosen = pick_starts(base, lines, len(lines) if flat and first else most)
         mistakes = [line for line in lines if get_kind(line.member) == "log"]
         further = pick_starts(base, mistakes, self.settings.alike)
         further += pick_closest(self.glance, base, lines, self.settings.alike)
         named = {start.hypothesis.label: start for start in (*further, *chosen)}
         self._fit(list(named.values()), tried)
-        if first and not judge.is_enough(judge.choose(tried)):
+        if first and gap and not judge.is_enough(judge.choose(tried)):
             self._fit(pick_pairs(self.glance, base, lines, most), tried)
-        return True
 
     def untie(self, best: Fit, options: Sequence[Candidate], tried: dict[str, Fit]) -> None:
         """Fit a value for each joint where the best has one for all into what was tried."""

@@ -212,11 +212,13 @@ def test_a_fit_is_known_to_what_ends_it(nats: float, robot: bool, tmp_path: Path
     assert judge.choose({fit.label: fit for fit in fits}) is fits[0 if robot else 1]
 
 
-@pytest.mark.parametrize(("gain", "every"), [(0.0, True), (1e6, False)])
+@pytest.mark.parametrize(
+    ("gain", "gap", "every"), [(0.0, True, True), (0.0, False, False), (1e6, True, False)]
+)
 def test_where_no_slope_promises_anything_every_change_is_fitted(
-    gain: float, every: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    gain: float, gap: bool, every: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Else only as many as promise most; a stop that is never reached has no slope."""
+    """Else as many as promise most, also without a gap; a stop that none reaches has no slope."""
     data = arm.data_of(arm.make_log(FRICTION, noise=NOISE), tmp_path)
     judge, vocabulary = Judge(data), Vocabulary(data, only=PROPOSED)
     search = judge.search
@@ -233,8 +235,9 @@ def test_where_no_slope_promises_anything_every_change_is_fitted(
         asked.append(len({start.hypothesis.label for start in starts}))
 
     monkeypatch.setattr(search, "_fit", note)
+    monkeypatch.setattr(judge, "explains", lambda fit: not gap)
     starts = vocabulary.list_starts(judge.replay_errors(judge.given), list(arm.JOINTS))
-    assert search.refine(judge.given, starts, {})
+    search.refine(judge.given, starts, {})
     assert asked[0] == (len(PROPOSED) if every else 2)
 
 
@@ -248,9 +251,9 @@ def test_the_search_ends_where_no_longer_explanation_wins(
     monkeypatch.setattr(judge, "is_enough", lambda fit: False)
     own = judge.search.refine
 
-    def refine(best: Fit, starts: Sequence[Start], tried: dict[str, Fit]) -> bool:
+    def refine(best: Fit, starts: Sequence[Start], tried: dict[str, Fit]) -> None:
         refined.append(best.label)
-        return own(best, starts, tried)
+        own(best, starts, tried)
 
     def choose(tried: dict[str, Fit]) -> Fit:
         singles = [fit for fit in tried.values() if len(fit.hypothesis.members) == 1]
