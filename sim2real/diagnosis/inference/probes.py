@@ -81,10 +81,13 @@ def _reached(data: Data, joint: str) -> float:
 
 
 def _poses(data: Data) -> np.ndarray:
-    """Return where the robot was, at times spread over all logs, (K, nq)."""
-    found, model = [], data.models[0]
+    """Return where the robot was, at times spread over all logs, (K, nq).
+
+    What a log does not have stands where its first window starts, or that of another one.
+    """
+    found, model, other = [], data.models[0], data.windows[0].recording.qpos
     for number, log in enumerate(data.logs):
-        start = next(w.recording.qpos for w in data.windows if w.log == number)
+        start = next((w.recording.qpos for w in data.windows if w.log == number), other)
         rows = np.linspace(0, len(log.time) - 1, min(POSES, len(log.time))).astype(int)
         poses = np.tile(start, (len(rows), 1))
         for j in range(model.njnt):

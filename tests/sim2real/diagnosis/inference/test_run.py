@@ -1,6 +1,7 @@
 """A whole diagnosis that the likelihood decides: files, and kinds of causes in them."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,9 @@ import pytest
 import yaml
 
 from hardware.log import Log
+from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.diagnose import run_diagnosis
+from sim2real.diagnosis.inference.run import FEWEST, find_mistakes
 from sim2real.diagnosis.outcome import final_message, write
 from tests.sim2real.diagnosis import arm
 
@@ -38,3 +41,15 @@ def test_friction_beside_a_late_row_is_told_from_it(tmp_path: Path) -> None:
     assert [one["effect"] for one in effects] == ["coulomb_friction"]
     assert json.loads((tmp_path / "out" / "report.json").read_text())["schema"] == 3
     assert "in the log" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_first_look_at_more_logs_than_it_takes_windows_finds_their_mistake(
+    tmp_path: Path,
+) -> None:
+    """Some logs then have no window that is looked at."""
+    logs = [arm.make_log(seconds=3.0, noise=3e-4, seed=seed) for seed in range(FEWEST + 3)]
+    turned = [Log({**log.columns, "ctrl.b": -log.columns["ctrl.b"]}) for log in logs]
+    data = Data.of(turned, arm.model(tmp_path))
+    few = data.settings.inference
+    data = replace(data, settings=replace(data.settings, inference=replace(few, first_s=1.0)))
+    assert find_mistakes(data) == ["ctrl.b: multiply by -1"]
