@@ -103,8 +103,8 @@ class Search:
     def refine(self, best: Fit, starts: Sequence[Start], tried: dict[str, Fit]) -> None:
         """Fit what promises most with the best into what was tried; pairs if no change does.
 
-        A promise is the least that a change gains: it leaves the discrepancy as large as it is. So
-        promises tell which changes are fitted, not whether any is worth it.
+        A promise leaves the discrepancy as large as it is, so that a fit may gain more: promises
+        tell which changes are fitted, not whether any is worth it.
 
         What acts beyond a threshold only, a stop or a play, has no slope to be screened by: where
         there is a gap and no straight line promises what it has to win, every change is fitted at a
@@ -141,6 +141,10 @@ class Search:
 
         Longer steps change contacts, which may cost what an explanation gains. The best that mends
         the log was judged in its own ones.
+
+        Args:
+            before: the best before anything longer was fitted.
+            tried: what was fitted, in place.
         """
         most = len(before.hypothesis.members)
         if len(self._judge.choose(tried).hypothesis.members) > most:

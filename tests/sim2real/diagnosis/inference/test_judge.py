@@ -316,11 +316,8 @@ def test_an_explanation_that_is_right_but_for_a_member_is_pruned(tmp_path: Path)
     """Though a shorter one, which predicts worse, is ahead of it by its price."""
     judge = Judge(arm.data_of(arm.make_log(FRICTION, seconds=4.0, noise=NOISE), tmp_path))
     members = {m.label: m for m in Vocabulary(judge.data).members}
-    judge.choices, true, other = (
-        len(members),
-        members["coulomb_friction.b"],
-        members["gravity_tilt"],
-    )
+    judge.choices = len(members)
+    true, other = members["coulomb_friction.b"], members["gravity_tilt"]
     (right,) = judge.fitter.fit([make_start(true)])
     (long,) = judge.fitter.fit([join_members(right, (other,), other.probes)])
     wrong = fit_of(judge, members["viscous_friction.b"], 0.0)
