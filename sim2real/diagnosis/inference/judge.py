@@ -129,6 +129,7 @@ class Judge:
             vocabulary: what it may be explained by.
         """
         tried, self.choices = {self.given.label: self.given}, vocabulary.choices
+        self._world = vocabulary.robot  # whether it may have pushed the robot
         best = self._begin([make_start(change) for change in vocabulary.shown], tried)
         while len(best.hypothesis.members) < self.settings.members_max and not self.is_enough(best):
             added = f" in addition to {best.label}" if best.hypothesis.members else ""
@@ -301,7 +302,7 @@ class Judge:
         if verdict != "explained" and self.explains(self.given):
             best, verdict = self.given, "no_gap"  # what explains a part of no gap is no cause
         left = self.left(best)
-        causes = verdict != "unexplained" or best is self.given
+        causes = self._world and (verdict != "unexplained" or best is self.given)
         if causes and left.whole > self.settings.equivalence_tolerance:
             pushes = self._find_pushes(best)
             verdict = "partly_explained" if pushes else verdict

@@ -246,7 +246,7 @@ def _of_place(
         lambda log, v: {
             n: shift_held(log, log.columns[n], round(float(v[0]))) for n in named[COMMAND]
         },
-        "move up by {0:g} rows within each episode",
+        "put the value of row i{0:+g} into row i, within each episode",
         ROWS,
         (0.0, -MOST, MOST),
         unit="rows",
@@ -257,7 +257,7 @@ def _of_place(
         (READING,),
         where,
         lambda log, v: shift_readings(log, joints, round(float(v[0]))),
-        "move up by {0:g} rows within each episode",
+        "put the value of row i{0:+g} into row i, within each episode",
         ROWS,
         (0.0, -MOST, MOST),
         unit="rows",

@@ -97,9 +97,9 @@ def _judge(
 def find_mistakes(data: Data, fixed: Sequence[Fixed] = ()) -> list[str]:
     """Return what to mend in a log whose own mistakes explain the gap.
 
-    It is a first look, at part of the windows. A robot that differs from its model is seldom
-    explained by a mistake in the log, and what mistakes explain in part may be the robot's: it is
-    left to a diagnosis.
+    It is a first look, at part of the windows; where they show no gap, it ends there. A robot that
+    differs from its model is seldom explained by a mistake in the log, and what mistakes explain in
+    part may be the robot's: it is left to a diagnosis.
 
     Args:
         data: the windows.
@@ -111,7 +111,10 @@ def find_mistakes(data: Data, fixed: Sequence[Fixed] = ()) -> list[str]:
     brief = replace(data.settings.inference, members_max=1, refits=data.settings.inference.alike)
     data = _few(skip_ends(data))
     data = replace(data, settings=replace(data.settings, inference=brief))
-    judgement = Judge(data, fixed).judge(Vocabulary(data, robot=False))
+    judge = Judge(data, fixed)
+    if judge.explains(judge.given):
+        return []
+    judgement = judge.judge(Vocabulary(data, robot=False))
     if judgement.verdict != "explained":
         return []
     best = judgement.best

@@ -56,7 +56,7 @@ class Vocabulary:
         robot: bool = True,
         only: Collection[str] | None = None,
     ) -> None:
-        self.data = data
+        self.data, self.robot = data, robot
         every = list_effects(data, fixed) if robot else []
         self.effects = [member for member in every if member.name not in exclude]
         self.excluded = [member for member in every if member.name in exclude]

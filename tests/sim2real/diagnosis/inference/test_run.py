@@ -11,6 +11,7 @@ import yaml
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.diagnose import run_diagnosis
+from sim2real.diagnosis.inference import judge
 from sim2real.diagnosis.inference.run import FEWEST, find_mistakes
 from sim2real.diagnosis.outcome import final_message, write
 from tests.sim2real.diagnosis import arm
@@ -34,7 +35,7 @@ def test_friction_beside_a_late_row_is_told_from_it(tmp_path: Path) -> None:
     assert (column, rows) in (("ctrl", 1.0), ("qpos", -1.0))  # late commands are early readings
     assert (kinds["robot"].effect, kinds["robot"].where) == ("coulomb_friction", "b")
     assert kinds["robot"].value == pytest.approx(0.12, rel=0.05)
-    remedy = f"{column}.*: move up by {rows:g} rows"
+    remedy = f"{column}.*: put the value of row i{rows:+g} into row i"
     assert any(remedy in words for words in final_message(report))
     write(found, tmp_path / "out")
     effects = yaml.safe_load((tmp_path / "out" / "effects.yaml").read_text())
@@ -53,3 +54,22 @@ def test_a_first_look_at_more_logs_than_it_takes_windows_finds_their_mistake(
     few = data.settings.inference
     data = replace(data, settings=replace(data.settings, inference=replace(few, first_s=1.0)))
     assert find_mistakes(data) == ["ctrl.b: multiply by -1"]
+
+
+def _refuse(*_: object) -> None:
+    raise AssertionError("a first look sought this")
+
+
+def test_a_first_look_at_a_log_without_a_gap_tries_no_mistake(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """There is nothing to mend."""
+    monkeypatch.setattr(judge.Judge, "judge", _refuse)
+    assert find_mistakes(Data.of([arm.make_log(noise=3e-4)], arm.model(tmp_path))) == []
+
+
+def test_a_first_look_seeks_no_pushes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are no mistake of the log."""
+    monkeypatch.setattr(judge, "find_pushes", _refuse)
+    log = arm.make_log(("coulomb_friction", {"where": "b"}, 0.12), noise=3e-4)
+    assert find_mistakes(Data.of([log], arm.model(tmp_path))) == []
