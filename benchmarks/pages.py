@@ -41,6 +41,7 @@ REPORT = (  # classes of report.json, outermost first
     schema.Regime,
     schema.Cause,
     schema.Equivalent,
+    schema.Deviation,
     schema.Unexplained,
     schema.Finding,
     schema.ClosedLoop,

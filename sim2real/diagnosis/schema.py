@@ -219,6 +219,25 @@ class ClosedLoop:
 
 
 @dataclass(frozen=True)
+class Deviation:
+    """A parameter of the model that differs from the robot's by too little to be a cause.
+
+    Args:
+        effect: name of the effect that scales the parameter.
+        where: joint, actuator or body; None: the whole robot.
+        change: relative difference between the robot's value and the model's.
+        change_ci: 90 % interval of `change`.
+        variant: option of the effect, such as `braking kept`; "" if it has none.
+    """
+
+    effect: str
+    where: str | None
+    change: float
+    change_ci: Pair
+    variant: str = ""
+
+
+@dataclass(frozen=True)
 class Report:
     """The result of a diagnosis, schema 3.
 
@@ -235,6 +254,8 @@ class Report:
             there are none.
         failed: results that could not be computed after the verdict, and why.
         fitted: fitted values if there are more than four, too many to be causes (schema 2).
+        deviations: parameters of the model that are off by a few per cent, the largest first; only
+            if nothing else is missing in the model.
         calibrated: exam with which `confidence` was calibrated; None: not calibrated.
         seconds: computing time of the diagnosis [s].
         replay: error of `sim2real replay` on the same logs; None in older reports.
@@ -255,6 +276,7 @@ class Report:
     closed_loop: ClosedLoop | None = None
     failed: tuple[str, ...] = ()
     fitted: tuple[Cause, ...] = ()
+    deviations: tuple[Deviation, ...] = ()
     calibrated: str | None = None
     evidence: Evidence = field(default_factory=Evidence, compare=False, repr=False)
 

@@ -15,6 +15,7 @@ from envs.plant import Fixed
 from sim2real.diagnosis.evidence import Band, Pair, Rung, SingleFit
 from sim2real.diagnosis.inference.baseline import Baseline
 from sim2real.diagnosis.inference.candidates import Candidate
+from sim2real.diagnosis.inference.deviations import find_deviations
 from sim2real.diagnosis.inference.distance import compute_separation, is_told_apart
 from sim2real.diagnosis.inference.fit import Fit
 from sim2real.diagnosis.inference.hypotheses import Member, get_effect, get_kind, get_place
@@ -146,6 +147,7 @@ def _report(
             0.0 if none else float(np.clip(1 - share, 0.0, 1.0)),
             describe_remainder(judgement) if left else "none",
         ),
+        deviations=find_deviations(judgement),
     )
 
 

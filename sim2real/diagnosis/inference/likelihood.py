@@ -257,6 +257,24 @@ class Likelihood:
         gram = eliminate(gram, self._local).sum(axis=0)
         return eliminate(gram, count - self._local, 1.0 if tempered else 1 / self._evidence)
 
+    def estimate(
+        self, trained: Trained, errors: np.ndarray, directions: np.ndarray, windows: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the posterior mean and variance of common errors, (P,) each.
+
+        With V the covariance of errors e and D one standard deviation of each common error, they
+        are D' V^-1 e and the diagonal of I - D' V^-1 D (Rasmussen and Williams 2006, eq. A.6).
+
+        Args:
+            trained: the discrepancy.
+            errors: e, (W, N, M).
+            directions: D, (W, N, M, P); V has what is common in itself.
+            windows: that tell, (n,) indices.
+        """
+        vectors = np.concatenate([errors[..., None], directions], axis=-1)
+        gram = self.curvature(trained, vectors, windows) / self._evidence
+        return gram[0, 1:], 1 - np.diag(gram)[1:]
+
     def _shifted(self, size: Any, shift: np.ndarray, cap: int | None = None) -> np.ndarray:
         """Return indices of sizes that windows' own shifts lead to."""
         last = len(self.sizes) - 1 if cap is None else cap

@@ -253,10 +253,8 @@ class Replayer:
 
     def usual(self, hypothesis: Hypothesis, values: np.ndarray) -> np.ndarray:
         """Return what one standard deviation of each nominal parameter changes, (W, N, M, U)."""
-        taken = {member.label for member in hypothesis.effects}  # a model has each effect once
-        factors = [one for one in list_usual(self.data) if one.label not in taken]
         jobs = [Job(hypothesis, values, self.every)]
-        for factor in factors:
+        for factor in list_usual(self.data, hypothesis.effects):
             more = np.full((len(values), 1), 1 + self.settings.usual)
             changed = Hypothesis((*hypothesis.effects, factor, *hypothesis.changes))
             place = sum(len(member.neutral) for member in hypothesis.effects)

@@ -4,7 +4,7 @@ No model is right to a few per cent: masses come from a scale, friction and gain
 A motor's strength is off with its braking, as its constant is, and without it, as its voltage is.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import product
 
 from envs.effects import EFFECTS
@@ -24,12 +24,12 @@ NAMES = (
 )
 
 
-def list_usual(data: Data) -> Iterator[Candidate]:
-    """Yield what a model has of its own at each place, as a factor of it."""
-    scale = robot_scale(data)
+def list_usual(data: Data, known: Sequence[Candidate] = ()) -> Iterator[Candidate]:
+    """Yield what a model has of its own at each place, as a factor of it, unless it is known."""
+    scale, taken = robot_scale(data), {member.label for member in known}
     for name in NAMES:
         for place, more in product(EFFECTS[name].places(scale), EFFECTS[name].variants(scale)):
             arguments = {"where": place, "how": "scale", **more}
             option = None if place is None else candidate_of(name, arguments, data.specs[0], scale)
-            if option is not None:
+            if option is not None and option.label not in taken:  # a model has each effect once
                 yield option

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from sim2real.diagnosis.report.text import (
     SUBTITLES,
+    deviation_sentence,
     effect_display_name,
     format_place,
     interval,
@@ -46,6 +47,8 @@ def format_verdict(report: Report, coloured: bool = False) -> str:
     if report.values:
         head, *rows = align([HEAD, *_rows(report.values)], NUMBERS)
         lines += ["", *(INDENT + line for line in (f"{bold}{head}{reset}", *rows))]
+    if report.deviations:
+        lines += ["", deviation_sentence(report)]
     return "\n".join(lines) + "\n"
 
 

@@ -147,19 +147,39 @@ def details(report: Report) -> str:
     motion = " of the joints' own motion" if gap.unit == "spread" else ""
     on = " on held-out data" if gap.held_out else ""
     if gap.after is None:
-        return f"The noise floor of these recordings is {floor}{motion}."
+        said = f"The noise floor of these recordings is {floor}{motion}."
+        return " ".join(filter(None, (said, deviation_sentence(report))))
     if not report.values:
-        return (
+        said = (
             f"Simulation error: {quantity(gap.before, gap.unit)}{motion}. The noise floor is"
             f" {floor}. No effect that was tried reduces the error{on}."
         )
+        return " ".join(filter(None, (said, deviation_sentence(report))))
     these = "this effect" if len(report.causes) == 1 else "these effects"
     these = "these values" if report.fitted else these
     said = (
         f"Simulation error{on}: {quantity(gap.before, gap.unit)}{motion} as given,"
         f" {quantity(gap.after, gap.unit)} with {these}. The noise floor is {floor}."
     )
-    return " ".join(filter(None, (said, residual_sentence(report), same_joint_warning(report))))
+    more = (residual_sentence(report), deviation_sentence(report), same_joint_warning(report))
+    return " ".join(filter(None, (said, *more)))
+
+
+def deviation_sentence(report: Report) -> str:
+    """Return which parameters of the model are a little off, the largest first; else ""."""
+    found = [
+        f"{format_effect(one.effect, one.where)}{f' ({one.variant})' if one.variant else ''}"
+        f", {_signed(one.change)} ({_signed(one.change_ci[0])} to {_signed(one.change_ci[1])})"
+        for one in report.deviations[:SINGLY]
+    ]
+    if not found:
+        return ""
+    return f"Parameter deviations too small to be causes: {'; '.join(found)}."
+
+
+def _signed(share: float) -> str:
+    """Return a share as a percentage with a sign."""
+    return f"{share:+.1%}".replace("%", "\N{NO-BREAK SPACE}%").replace("-", "−")
 
 
 def residual_sentence(report: Report) -> str:

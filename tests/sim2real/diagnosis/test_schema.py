@@ -55,6 +55,7 @@ KEYS = {
     "closed_loop": None,
     "failed": None,
     "fitted": None,
+    "deviations": None,
     "calibrated": None,
     "seconds": None,
 }
@@ -68,7 +69,7 @@ def test_a_report_survives_its_file(tmp_path: Path) -> None:
 
 def test_a_report_of_an_older_version_is_read() -> None:
     """One of schema 1, or without the figures of run=replay, has none of what came later."""
-    later = ("replay", "fitted", "calibrated")
+    later = ("replay", "fitted", "deviations", "calibrated")
     older = {name: part for name, part in REPORT.to_json().items() if name not in later}
     for cause in older["causes"]:
         del cause["kind"], cause["seconds"], cause["remedy"]

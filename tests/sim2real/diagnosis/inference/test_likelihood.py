@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import t
 
 from sim2real.diagnosis.inference import likelihood as module
-from sim2real.diagnosis.inference.likelihood import SHIFTS, Likelihood, Trained
+from sim2real.diagnosis.inference.likelihood import FOLDS, SHIFTS, Likelihood, Trained
 from sim2real.diagnosis.settings.inference import Inference
 
 SETTINGS = Inference()
@@ -112,6 +112,28 @@ def test_curvature_is_that_of_the_dense_covariance() -> None:
     np.testing.assert_allclose(full, dense, rtol=1e-8)
     lighter = np.linalg.eigvalsh(heavy.curvature(trained, vectors, windows) - full)
     assert (lighter > 0).all(), "a prior that keeps its weight hides less"
+
+
+def test_common_errors_are_estimated_as_by_regression() -> None:
+    """The posterior of weights u with errors that are those of the windows alone, by its inverse.
+
+    (C' K^-1 C + I)^-1 is its covariance, with K the covariance without C: the weight-space view.
+    """
+    small = Small(4)
+    windows = np.array([0, 2, 3])
+    full = replace(SETTINGS, temperature=FOLDS / (W * N))  # the prior keeps its plain weight
+    known = small.times, small.used, small.noise, small.local, small.common
+    likelihood = Likelihood(*known, full)
+    trained = likelihood.train(likelihood.project(small.errors), windows)
+    keep = np.zeros((W, N, M), bool)
+    keep[windows] = small.used[windows][..., None]
+    own, flat = np.flatnonzero(keep), small.common.reshape(-1, 2)
+    alone = small.covariance(trained, trained.shift) - flat @ flat.T
+    within = np.linalg.solve(alone[np.ix_(own, own)], np.eye(len(own)))
+    covariance = np.linalg.inv(flat[own].T @ within @ flat[own] + np.eye(2))
+    mean = covariance @ flat[own].T @ within @ small.errors.ravel()[own]
+    found = likelihood.estimate(trained, small.errors, small.common, windows)
+    np.testing.assert_allclose(found, [mean, np.diag(covariance)], rtol=1e-7)
 
 
 def test_training_finds_the_size_and_time_that_errors_were_drawn_with() -> None:

@@ -6,8 +6,8 @@ from dataclasses import replace
 import pytest
 
 from sim2real.diagnosis.report.terminal import align, format_verdict
-from sim2real.diagnosis.report.text import EVERYWHERE, SUBTITLES
-from sim2real.diagnosis.schema import Equivalent
+from sim2real.diagnosis.report.text import EVERYWHERE, SUBTITLES, deviation_sentence
+from sim2real.diagnosis.schema import Deviation, Equivalent
 from tests.sim2real.diagnosis.report.sample import report
 
 ESCAPES = re.compile(r"\x1b\[[0-9;]*m")
@@ -62,3 +62,10 @@ def test_every_verdict_can_be_shown(verdict: str) -> None:
     bare = replace(shown, causes=(), fitted=(), gap=replace(shown.gap, after=None, closed=None))
     assert format_verdict(bare).startswith(SUBTITLES[verdict])
     assert "effect" not in {line.split()[0] for line in format_verdict(bare).splitlines() if line}
+
+
+def test_deviations_of_parameters_come_last() -> None:
+    """Below the causes, as the page says them."""
+    one = Deviation("position_gain", "elbow", -0.05, (-0.06, -0.04))
+    shown = replace(report(), deviations=(one,))
+    assert format_verdict(shown).splitlines()[-1] == deviation_sentence(shown)

@@ -1,9 +1,12 @@
 """Numbers and names as a person reads them."""
 
+from dataclasses import replace
+
 import pytest
 
 from sim2real.diagnosis.report import text
-from sim2real.diagnosis.schema import Cause
+from sim2real.diagnosis.schema import Cause, Deviation
+from tests.sim2real.diagnosis.report.sample import report
 
 
 @pytest.mark.parametrize(
@@ -87,3 +90,14 @@ def test_a_cause_of_all_joints_is_not_at_the_robot() -> None:
     ):
         cause = Cause(effect, None, **numbers, confidence=1.0, closed=1.0, shared=shared)
         assert text.format_effect(*text.place_of(cause)) == said
+
+
+def test_deviations_of_parameters_are_told_with_signs_and_options() -> None:
+    """The first four, each with its interval."""
+    one = Deviation("motor_strength", "hip", -0.027, (-0.034, -0.02), "braking kept")
+    shown = replace(report(), deviations=(one, *4 * (replace(one, where="knee"),)))
+    told = text.deviation_sentence(shown).replace("\xa0", " ")
+    assert "motor strength at hip (braking kept), −2.7 % (−3.4 % to −2.0 %)" in told
+    assert told.count("knee") == text.SINGLY - 1
+    assert text.deviation_sentence(shown) in text.details(shown)
+    assert text.deviation_sentence(report()) == ""
