@@ -220,7 +220,7 @@ class ClosedLoop:
 
 @dataclass(frozen=True)
 class Deviation:
-    """A parameter of the model that differs from the robot's by too little to be a cause.
+    """A parameter of the model whose error, too small for a cause, would account for what is left.
 
     Args:
         effect: name of the effect that scales the parameter.
@@ -254,8 +254,8 @@ class Report:
             there are none.
         failed: results that could not be computed after the verdict, and why.
         fitted: fitted values if there are more than four, too many to be causes (schema 2).
-        deviations: parameters of the model that are off by a few per cent, the largest first; only
-            if nothing else is missing in the model.
+        deviations: small errors of the model's parameters, no causes, that would account for the
+            remaining gap if nothing else is missing; the largest first.
         calibrated: exam with which `confidence` was calibrated; None: not calibrated.
         seconds: computing time of the diagnosis [s].
         replay: error of `sim2real replay` on the same logs; None in older reports.

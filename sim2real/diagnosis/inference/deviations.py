@@ -1,4 +1,4 @@
-"""Which parameters of the model are off by the few per cent by which any model is.
+"""Which small errors of the model's parameters account for what an explanation leaves.
 
     find_deviations(judgement)          # position_gain at hinge: -0.054 [-0.061, -0.047]
 

@@ -166,7 +166,7 @@ def details(report: Report) -> str:
 
 
 def deviation_sentence(report: Report) -> str:
-    """Return which parameters of the model are a little off, the largest first; else ""."""
+    """Return which small deviations of parameters account for what is left; else ""."""
     found = [
         f"{format_effect(one.effect, one.where)}{f' ({one.variant})' if one.variant else ''}"
         f", {_signed(one.change)} ({_signed(one.change_ci[0])} to {_signed(one.change_ci[1])})"
@@ -174,7 +174,8 @@ def deviation_sentence(report: Report) -> str:
     ]
     if not found:
         return ""
-    return f"Parameter deviations too small to be causes: {'; '.join(found)}."
+    subject = "Small deviations of the model's parameters"
+    return f"{subject} would account for the rest: {'; '.join(found)}."
 
 
 def _signed(share: float) -> str:
