@@ -226,7 +226,7 @@ class Deviation:
         effect: name of the effect that scales the parameter.
         where: joint, actuator or body; None: the whole robot.
         change: relative difference between the robot's value and the model's.
-        change_ci: 90 % interval of `change`.
+        change_ci: 90 % interval of `change`, provided that nothing else is missing in the model.
         variant: option of the effect, such as `braking kept`; "" if it has none.
     """
 

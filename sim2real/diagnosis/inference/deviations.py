@@ -19,10 +19,10 @@ from sim2real.diagnosis.settings import TINY
 
 
 def find_deviations(judgement: Judgement) -> tuple[Deviation, ...]:
-    """Return the parameters that differ from the model's for certain, the largest first.
+    """Return the errors that are significant if nothing else is missing, the largest first.
 
     The level is shared among all parameters (Bonferroni). Each fold has an estimate of its own;
-    the mean is off by half of what they differ, or more.
+    the mean is off by half of what they differ, or more. None where something else is missing.
     """
     judge, best = judgement.judge, judgement.best
     factors = list(list_usual(judge.data, best.hypothesis.effects))

@@ -141,28 +141,30 @@ def subjects(causes: Sequence[tuple[str, str | None]]) -> list[str]:
 
 
 def details(report: Report) -> str:
-    """Return the sentence below the verdict: the gap before and after against the floor."""
+    """Return the sentences below the verdict: the gap, what is left of it, and what to doubt."""
+    more = (residual_sentence(report), deviation_sentence(report), same_joint_warning(report))
+    return " ".join(filter(None, (_errors_sentence(report), *more)))
+
+
+def _errors_sentence(report: Report) -> str:
+    """Return the gap before and after against the floor, as sentences."""
     gap = report.gap
     floor = quantity(gap.noise_floor, gap.unit)
     motion = " of the joints' own motion" if gap.unit == "spread" else ""
     on = " on held-out data" if gap.held_out else ""
     if gap.after is None:
-        said = f"The noise floor of these recordings is {floor}{motion}."
-        return " ".join(filter(None, (said, deviation_sentence(report))))
+        return f"The noise floor of these recordings is {floor}{motion}."
     if not report.values:
-        said = (
+        return (
             f"Simulation error: {quantity(gap.before, gap.unit)}{motion}. The noise floor is"
             f" {floor}. No effect that was tried reduces the error{on}."
         )
-        return " ".join(filter(None, (said, deviation_sentence(report))))
     these = "this effect" if len(report.causes) == 1 else "these effects"
     these = "these values" if report.fitted else these
-    said = (
+    return (
         f"Simulation error{on}: {quantity(gap.before, gap.unit)}{motion} as given,"
         f" {quantity(gap.after, gap.unit)} with {these}. The noise floor is {floor}."
     )
-    more = (residual_sentence(report), deviation_sentence(report), same_joint_warning(report))
-    return " ".join(filter(None, (said, *more)))
 
 
 def deviation_sentence(report: Report) -> str:
