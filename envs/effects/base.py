@@ -82,6 +82,7 @@ class Effect:
     engines: ClassVar[tuple[Engine, ...]] = ("batch",)  # that have it
     constants: ClassVar[bool] = False  # whether the model's derived constants depend on it
     moves_mass: ClassVar[bool] = False  # whether it moves a centre of mass or turns principal axes
+    jumps: ClassVar[bool] = False  # whether its force jumps at an edge that a long step overshoots
     composes: ClassVar[bool] = False  # whether it may stand twice at a place, added or multiplied
 
     # For diagnosis and exam; see also `variants`, `probes`, `batch`, `mjcf_limitation`, `to_mjcf`.

@@ -286,11 +286,12 @@ class DeadZone(ActuatorEffect):
     """Position error that a servo ignores: below it the proportional term is zero.
 
     Beyond it the whole error counts (`punch` 1), or only the excess (`punch` 0, as in older
-    servos).
+    servos); a diagnosis tells these two apart, and nothing between them.
     """
 
     name = "dead_zone"
     engines = BOTH
+    jumps = True
     unit = "rad"
     extras = (
         Extra(

@@ -8,9 +8,10 @@ or usual errors explain a change as well, it moves nothing. Of several points ea
 best before it refines. Waves are fitted by their cosine and sine parts. Slopes are finite
 differences at first, of replays in longer time steps; each step corrects them by what it changed
 (Broyden 1965, doi:10.1090/S0025-5718-1965-0198670-6), and where they lead no further they are taken
-anew. A step that then promises no more than rounding ends the fit. Whole numbers move by one as
-long as that is better. The discrepancy's size is estimated anew at each trial, so that a step is
-judged by the density that decides.
+anew. A step that then promises no more than rounding ends the fit. What no slope leads to, whole
+numbers and edges at which a force jumps, is tried nearby as long as that is better. The
+discrepancy's size is estimated anew at each trial, so that a step is judged by the density that
+decides.
 """
 
 from __future__ import annotations
@@ -201,16 +202,10 @@ class Fitter:
         ]
 
     def _walk(self, states: Sequence[_State]) -> None:
-        """Move each whole number by one as long as that is better, in place."""
-        live = [state for state in states if not state.hypothesis.smooth.all()]
+        """Move to values that no slope leads to as long as that is better, in place."""
+        live = list(states)
         while live:
-            trials = [
-                (state, state.hypothesis.clip(state.values + step * row))
-                for state in live
-                for row in np.eye(len(state.hypothesis.smooth))[~state.hypothesis.smooth]
-                for step in (-1.0, 1.0)
-            ]
-            trials = [(state, values) for state, values in trials if (values != state.values).any()]
+            trials = [(s, values) for s in live for values in s.hypothesis.list_near(s.values)]
             jobs = [(state.hypothesis, values) for state, values in trials]
             live = []
             made = self._make(jobs, self._replay(jobs))

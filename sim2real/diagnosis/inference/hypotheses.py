@@ -24,6 +24,7 @@ from sim2real.diagnosis.inference.log_change import LogChange
 
 Member = Candidate | LogChange
 Kind = Literal["robot", "log", "world"]
+SHARES = (-0.2, -0.05, 0.05, 0.2)  # of an edge by which it is moved
 WORLD = ("gravity_tilt", "gravity_compensation", "push", "ground_friction", "contact_stiffness")
 
 
@@ -97,9 +98,9 @@ class Hypothesis:
 
     @property
     def needs_short_steps(self) -> bool:
-        """Whether it adds a spring or play, which swings fast, or has commands at other times."""
+        """Whether forces change fast, by a spring, play or edge, or commands are moved."""
         timed = any(TIME in change.columns for change in self.changes)
-        return timed or any(member.adds_structure for member in self.effects)
+        return timed or any(m.adds_structure or m.effect.jumps for m in self.effects)
 
     @property
     def mended(self) -> frozenset[str]:
@@ -201,9 +202,37 @@ class Hypothesis:
 
     @cached_property
     def smooth(self) -> np.ndarray:
-        """Which values move in steps as small as one likes, (P,) bool."""
-        whole = [np.full(len(m.neutral), getattr(m, "whole", False)) for m in self.members]
-        return ~np.concatenate([np.zeros(0, bool), *whole])
+        """Which values move in steps as small as one likes, (P,) bool.
+
+        A whole number does not, nor does what shapes a force that jumps: it is 0 or 1.
+        """
+        smooth = np.ones(len(self.low), bool)
+        for part, column, _ in self.parts:
+            if isinstance(part, LogChange):
+                smooth[column] = not part.whole
+            elif part.effect.jumps:
+                smooth[column.stop - len(part.effect.free) : column.stop] = False
+        return smooth
+
+    def list_near(self, values: np.ndarray) -> list[np.ndarray]:
+        """Return values (..., P) near others that no slope leads to, each apart.
+
+        Whole numbers move by one. Where a force jumps at an edge, replays are too rough for slopes:
+        the edge is tried nearby.
+        """
+        whole = [(place, step) for place in np.flatnonzero(~self.smooth) for step in (-1.0, 1.0)]
+        rough = [
+            (column.start, share * values[..., column.start])
+            for part, column, _ in self.parts
+            if isinstance(part, Candidate) and part.effect.jumps
+            for share in SHARES
+        ]
+        found = []
+        for place, step in [*whole, *rough]:
+            other = values.copy()
+            other[..., place] += step
+            found.append(self.clip(other))
+        return [other for other in found if (other != values).any()]
 
     def clip(self, values: np.ndarray) -> np.ndarray:
         """Return values (..., P) within their bounds."""

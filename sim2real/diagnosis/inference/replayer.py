@@ -31,7 +31,7 @@ from sim2real.diagnosis.inference.usual import list_usual
 from sim2real.diagnosis.settings import TINY
 
 MENDED = 32  # mended logs that are kept
-SPRINGS = 2  # times shorter steps of models with springs or play
+SHORTER = 2  # times shorter steps of what needs them, see `Hypothesis`
 
 Key = tuple[tuple[str, ...], bytes]
 
@@ -149,7 +149,7 @@ class Replayer:
         if lost:
             return self.part(windows)
         other = self.part(windows, self.data.stepping(most))
-        other.finer = self.part(windows, self.data.stepping(most / SPRINGS))
+        other.finer = self.part(windows, self.data.stepping(most / SHORTER))
         return other
 
     def anchor(self, hypothesis: Hypothesis, values: np.ndarray, errors: np.ndarray) -> None:

@@ -93,6 +93,18 @@ def test_whole_numbers_go_on_while_that_is_better(tmp_path_factory: pytest.TempP
     assert fit.values.tolist() == [[rows], [rows]] and rows > shift.probes.max()
 
 
+@pytest.mark.parametrize("punch", [0.0, 1.0])
+def test_an_edge_is_found_where_no_slope_leads(
+    punch: float, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """A servo hunts about the edge of a wide dead zone: steps nearby and the other shape do."""
+    hidden = "dead_zone", {"where": "b", "punch": punch}, 0.3
+    case = case_of(arm.make_log(hidden, noise=NOISE), tmp_path_factory)
+    start = Start(Hypothesis((case.options["dead_zone.b"],)), np.array([[0.39, 1 - punch]]))
+    (fit,) = case.fitter.fit([start])
+    np.testing.assert_allclose(fit.values, [[0.3, punch]] * 2, rtol=0.01)
+
+
 def test_a_fit_that_cannot_reach_the_best_at_its_pace_goes_no_further(
     case: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:

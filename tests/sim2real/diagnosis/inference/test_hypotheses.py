@@ -23,6 +23,19 @@ def test_a_shape_may_lie_at_the_ends_of_its_range_and_a_size_may_not(tmp_path: P
     np.testing.assert_allclose(low[0], max(zone.low[0], -far))
 
 
+def test_what_no_slope_leads_to_has_values_nearby(tmp_path: Path) -> None:
+    """The shape of a force that jumps is one of two laws, and free to follow nothing."""
+    data = arm.data_of(arm.make_log(noise=3e-4), tmp_path)
+    options = {one.label: one for one in candidates(data)}
+    both = Hypothesis((options["coulomb_friction.b"], options["dead_zone.b"]))
+    assert both.smooth.tolist() == [True, True, False] and both.burden == (2, 0)
+    assert both.needs_short_steps and not Hypothesis(both.members[:1]).needs_short_steps
+    near = both.list_near(np.tile([0.1, 0.05, 1.0], (2, 1)))
+    found = sorted(tuple(one[0].round(6)) for one in near)
+    edges = [(0.1, edge, 1.0) for edge in (0.04, 0.0475, 0.0525, 0.06)]
+    assert found == sorted([*edges, (0.1, 0.05, 0.0)])
+
+
 def test_a_wave_is_fitted_by_its_cosine_and_its_sine_part(tmp_path: Path) -> None:
     """There and back, within bounds; a mean across half a turn is no wave of the opposite phase."""
     data = arm.data_of(arm.make_log(noise=3e-4), tmp_path)
