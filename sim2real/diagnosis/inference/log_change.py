@@ -34,6 +34,7 @@ class LogChange:
         unit: of the first value.
         whole: whether values are whole numbers.
         read: the joints whose readings it scales by its value.
+        late: returns by how many rows all readings are late, from values (P,).
         seconds: when it acts, of an episode; None: throughout.
         variant: what else tells it apart.
         robot: the effect of the robot that does this to its log; None: it is a mistake.
@@ -54,6 +55,7 @@ class LogChange:
     unit: str = ""
     whole: bool = False
     read: tuple[str, ...] = ()
+    late: Callable[[np.ndarray], float] = field(default=lambda values: 0.0, compare=False)
     seconds: Pair | None = None
     variant: str | None = None
     robot: Effect | None = None

@@ -80,7 +80,7 @@ def list_log_changes(data: Data) -> list[LogChange]:
             READING: [f"{READING}.{j}" for j in own],
             SPEED: [f"{SPEED}.{j}" for j in own if f"{SPEED}.{j}" in log.columns],
         }
-        found += _of_place(joint, own, named)
+        found += _of_place(joint, own, named, len(own) == len(joints))
         if joint is not None:
             found += _of_joint(data.logs, joint, named)
     for one, other in combinations(joints, 2):
@@ -143,6 +143,7 @@ def _late_readings(joints: Sequence[str], log: Log) -> LogChange:
         [*(rows * step for rows in LATE), OLDEST / 2],
         (0.0, 0.0, oldest),
         unit=effect.unit,
+        late=lambda v: float(v[0]) / step,
         robot=effect,
     )
 
@@ -236,9 +237,9 @@ def _in_counts(log: Log, joints: Sequence[str], commands: Sequence[str]) -> Iter
 
 
 def _of_place(
-    where: str | None, joints: Sequence[str], named: Mapping[str, Sequence[str]]
+    where: str | None, joints: Sequence[str], named: Mapping[str, Sequence[str]], every: bool
 ) -> Iterator[LogChange]:
-    """Yield shifts, scales and units of one joint's columns, or of all joints'."""
+    """Yield shifts, scales and units of one joint's columns, or of all joints': of every one."""
     yield _single(
         "row_shift",
         (COMMAND,),
@@ -262,6 +263,7 @@ def _of_place(
         (0.0, -MOST, MOST),
         unit="rows",
         whole=True,
+        late=lambda v: float(v[0]) * every,
     )
     for columns in ((COMMAND,), (READING,), (COMMAND, READING)):
         own = [name for kind in columns for name in _with_speed(kind, named)]

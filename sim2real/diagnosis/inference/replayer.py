@@ -5,8 +5,8 @@
     one.error                               # (n, N, M) simulated minus measured
 
 The same windows are replayed under every hypothesis: where the log is changed they are cut anew
-from the mended log, at the same rows. Errors are those of readings as logged, whose noise is known:
-else shrinking the readings would make any model right.
+from the mended log, with the same readings. Errors are those of readings as logged, whose noise is
+known: else shrinking the readings would make any model right.
 """
 
 from __future__ import annotations
@@ -330,13 +330,14 @@ class Replayer:
         if key in self._mended:
             return self._mended[key]
         data, logs = self.data, list(self.data.logs)
-        scale, start = np.ones(len(data.joints)), 0
+        scale, start, late = np.ones(len(data.joints)), 0, 0
         for change in hypothesis.changes:
             own = values[start : (start := start + len(change.neutral))]
             logs = [change.mended(log, own) for log in logs]
             scaled = [joint.name in change.read for joint in data.joints]
             scale = np.where(scaled, scale * abs(change.first(own)), scale)
-        windows = [self._cut(logs, window) for window in data.windows]
+            late += round(change.late(own))
+        windows = [self._cut(logs, window, late) for window in data.windows]
         measured = data.measured.copy()  # (W, T, M), padded as all windows of the log were
         for row, window in zip(measured, windows, strict=True):
             row[: len(window.measured)] = window.measured
@@ -345,11 +346,14 @@ class Replayer:
         self._mended[key] = _Mended(key, tuple(logs), tuple(windows), measured, scale)
         return self._mended[key]
 
-    def _cut(self, logs: Sequence[Log], window: Window) -> Window:
-        rows = (window.start, window.first, window.last)
-        model, own = self.data.models[window.model], self.data.settings.windows
-        args = (window.log, window.model, model, self.data.joints, rows, own)
-        return cut_one(logs[window.log], *args)._replace(usable=window.usable)
+    def _cut(self, logs: Sequence[Log], window: Window, late: int) -> Window:
+        """Return the window of mended logs with the same readings, if its episode has the rows."""
+        log, data = logs[window.log], self.data
+        own = np.flatnonzero(log.episode == log.episode[window.first])
+        late = int(np.clip(late, window.last - 1 - own[-1], window.start - own[0]))
+        rows = (window.start - late, window.first - late, window.last - late)
+        args = data.models[window.model], data.joints, rows, data.settings.windows
+        return cut_one(log, window.log, window.model, *args)._replace(usable=window.usable)
 
     def _look(self, values: np.ndarray, windows: np.ndarray) -> np.ndarray:
         """Return the compared rows (n, N, M) of values (n, T, M) of windows (n,)."""

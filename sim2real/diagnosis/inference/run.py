@@ -137,7 +137,7 @@ def skip_ends(data: Data) -> Data:
     What was logged at another time is not known there. A window that is cut begins in motion, so
     that servos correct its start before anything is compared.
     """
-    windows, mask = list(data.windows), data.mask.copy()
+    windows, mask, measured = list(data.windows), data.mask.copy(), data.measured.copy()
     driven = all(is_driven(data.models[0], joint.qpos) for joint in data.joints)
     ahead = data.settings.windows.warm_s if driven else 0.0
     for place, window in enumerate(data.windows):
@@ -153,10 +153,11 @@ def skip_ends(data: Data) -> Data:
             kept &= log.time[np.minimum(there, own[-1])] >= log.time[begin] + ahead
         if kept.sum() < 2 or (kept == window.usable).all():
             continue
-        if window.start < begin:
-            args = (window.log, window.model, data.models[window.model], data.joints)
-            cut = (begin, window.first, window.last)
-            window = cut_one(log, *args, cut, data.settings.windows)
-        windows[place] = window._replace(usable=kept)
-        mask[place, : len(kept)] = kept
-    return replace(data, windows=tuple(windows), mask=mask)
+        inside = slice(max(begin - window.first, 0), max(end + 1 - window.first, 0))
+        rows = (max(window.start, begin), max(window.first, begin), min(window.last, end + 1))
+        args = (window.log, window.model, data.models[window.model], data.joints, rows)
+        windows[place] = cut_one(log, *args, data.settings.windows)._replace(usable=kept[inside])
+        count = len(windows[place].measured)
+        mask[place], mask[place, :count] = False, kept[inside]
+        measured[place, :count] = windows[place].measured
+    return replace(data, windows=tuple(windows), mask=mask, measured=measured)

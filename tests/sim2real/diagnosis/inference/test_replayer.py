@@ -97,6 +97,20 @@ def test_late_readings_beside_friction_are_undone_in_the_log(tmp_path: Path) -> 
         assert np.abs(errors(members, [0.12, 0.02]) - alone).max() > 1e-3
 
 
+def test_late_commands_are_early_readings(tmp_path: Path) -> None:
+    """The two say the same of a log, and so do their errors: they are of the same readings."""
+    data = skip_ends(arm.data_of(arm.make_log(noise=1e-3), tmp_path))
+    changes = {change.label: change for change in list_log_changes(data)}
+    replayer, errors = Replayer(data), []
+    for column, rows in (("ctrl", 2.0), ("qpos", -2.0)):
+        shift = Hypothesis((changes[f"log.row_shift.{column}"],))
+        values = np.full((len(replayer.every), 1), rows)
+        errors.append(replayer.replay([Job(shift, values, replayer.every)])[0].error)
+    np.testing.assert_allclose(errors[1], errors[0], atol=1e-4)
+    (given,) = replayer.replay([Job(Hypothesis(()), np.zeros((len(values), 0)), replayer.every)])
+    assert np.abs(errors[0] - given.error).max() > 0.1
+
+
 def test_errors_are_those_of_readings_as_logged(tmp_path: Path) -> None:
     """Degrees for radians: what is left of them is in degrees, and so is the start's noise."""
     log, factor = arm.make_log(noise=1e-3), 180 / np.pi
