@@ -286,7 +286,7 @@ class DeadZone(ActuatorEffect):
     """Position error that a servo ignores: below it the proportional term is zero.
 
     Beyond it the whole error counts (`punch` 1), or only the excess (`punch` 0, as in older
-    servos); a diagnosis tells these two apart, and nothing between them.
+    servos). A diagnosis considers these two.
     """
 
     name = "dead_zone"

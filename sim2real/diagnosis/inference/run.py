@@ -142,9 +142,8 @@ def skip_ends(data: Data) -> Data:
     ahead = data.settings.windows.warm_s if driven else 0.0
     for place, window in enumerate(data.windows):
         log = data.logs[window.log]
-        rows = find_reach(log)
-        own = np.flatnonzero(log.episode == window.episode)
-        begin, end = int(own[0]) + rows, int(own[-1]) - rows
+        reach, own = find_reach(log), np.flatnonzero(log.episode == window.episode)
+        begin, end = int(own[0]) + reach, int(own[-1]) - reach
         if end <= begin:
             continue  # an episode as short as that is left whole
         there = np.arange(window.first, window.first + len(window.usable))
