@@ -42,9 +42,14 @@ class CommandHistory(BoundEffect):
 
     def on_episode_start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
         """Hold the commands (n, nu) for all of the past."""
+        self.fill(ids, ctrl[:, None])
+
+    def fill(self, ids: np.ndarray, past: np.ndarray) -> None:
+        """Hold past commands, (n, P, nu), one a step, the first of them for all that was before."""
         for column, address, samples in self._lines:
-            first = address + 2 + samples
-            self._history[ids[:, None], np.arange(first, first + samples)] = ctrl[:, column, None]
+            first, own = address + 2 + samples, past[:, -samples:, column]
+            own = np.pad(own, ((0, 0), (samples - own.shape[1], 0)), "edge")
+            self._history[ids[:, None], np.arange(first, first + samples)] = own
 
 
 class DelayedCommands(SubstepRule):

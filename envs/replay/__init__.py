@@ -13,7 +13,8 @@ experiments go through it. To replay recordings many times, do it in parts:
 Contracts:
 
 * The clock is 0 at the start of a recording. The encoders then say its `qpos`; `held` is the
-  command in force until then, which delay lines and goal generators know for all of the past.
+  command in force until then, which goal generators know for all of the past. Delay lines hold what
+  was sent before (`past`), or `held`.
 * A command acts at the first physics step not before its time, and holds until the next one does.
 * What the encoders say is known at physics steps and linear in between. A recording says when each
   position was read (`read`); before the start there is nothing to read but the start.

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from envs.effects.history import CommandHistory
 from envs.errors import EnvsError, TaskError
 from envs.plant import Plant
 from envs.replay.derivative import add_derivatives
@@ -116,6 +117,8 @@ def simulate(
     act = np.stack(known) if len(known) == len(plans) else None
     seeds = np.zeros(len(every), np.uint64)
     plant.reset(every, qpos, qvel, seeds, ctrl=held, measured=True, act=act)
+    if plant.model.nhistory and any(plan.past is not None for plan in plans):
+        remember(plant, plans, held)
     if warm is not None:
         warm()
     longest = int(steps.max())
@@ -127,6 +130,17 @@ def simulate(
         raise TaskError("only some recordings contain gains (impedance control); separate them")
     law = np.stack([_extended(one, longest) for one in known]) if known else None  # (N, K, nu, 4)
     return Motion(plant.model.opt.timestep, rollout(plant, ctrl, off, law, steps), steps)
+
+
+def remember(plant: Plant, plans: Sequence[Schedule], held: np.ndarray) -> None:
+    """Let delay lines hold what was sent before the start, changed as `held`, (N, nu), was."""
+    own = [plan.held[None] if plan.past is None else plan.past for plan in plans]
+    most = max(map(len, own))
+    past = np.stack([np.pad(one, ((most - len(one), 0), (0, 0)), "edge") for one in own])
+    moved = plant.batch.bind("ctrl") - held  # by an encoder's offset
+    every = np.arange(plant.num_rows)
+    CommandHistory(plant).fill(every, past + moved[:, None])
+    plant.physics.started(every)
 
 
 def replay(

@@ -185,7 +185,21 @@ def to_recording(log: Log, model: mujoco.MjModel, before: Columns | None = None)
     (qvel, _), start = start_speeds(log, model, before), log.time[0]
     law, act = laws_of(log, model), state_of(log, model)
     qpos, qvel = follow_couplings(model, qpos, qvel, positions(log, model).values())
-    return Recording(log.time - start, ctrl, qpos, qvel, on, held, read - start, law, act)
+    own = log.time - start, ctrl, qpos, qvel, on, held, read - start, law, act
+    return Recording(*own, *_past(before, model, held, start))
+
+
+def _past(
+    before: Columns | None, model: mujoco.MjModel, held: np.ndarray, start: float
+) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
+    """Return when commands before a start [s] were written, (B,) s, and these, (B, nu)."""
+    if not before:
+        return None, None
+    past = np.tile(held, (len(before["time"]), 1))
+    for i in range(model.nu):
+        if (name := f"ctrl.{model.actuator(i).name}") in before:
+            past[:, i] = gear_of(model, i) * before[name]
+    return before["time"] - start, past
 
 
 def follow_couplings(

@@ -7,7 +7,7 @@ import pytest
 from envs.effects import make
 from envs.errors import TaskError
 from envs.plant import Plant
-from envs.replay import DivergedError, Recording, replay, schedule, switchable
+from envs.replay import DivergedError, Recording, replay, schedule, simulate, switchable
 
 SERVO = """
 <mujoco><option timestep="0.001" gravity="0 0 0"/>
@@ -132,6 +132,33 @@ def test_a_row_does_not_notice_its_neighbours(effects: tuple[tuple[str, dict, fl
     for one, other in zip(alone, beside, strict=True):
         assert np.array_equal(one, other)
     assert np.ptp(alone[0]) > 0.1
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.2])
+def test_commands_on_their_way_at_the_start_arrive(offset: float) -> None:
+    """From the middle of a recording a replay goes on as from its beginning, however late."""
+    xml = SERVO.format(damping=0.1, mass=1.0, actuator="position", gain='kp="5" damping="0.1"')
+    spec, rng = mujoco.MjSpec.from_string(xml), np.random.default_rng(0)
+    effects = (("command_delay", {}, 0.037), ("encoder_offset", {"where": "a"}, offset))
+    fixed = [(make(name, **where), (value,)) for name, where, value in effects]
+    time, ctrl = 0.01 * np.arange(60), rng.uniform(-1, 1, (60, 1))
+    whole = Recording(time, ctrl, np.full(1, 0.3), np.zeros(1), held=ctrl[0])
+    plant, dt, row = Plant(spec, fixed=fixed), 0.001, 30
+    path = simulate(plant, [schedule(whole, dt)]).qpos[0]
+    step = round(time[row] / dt)
+    start = Recording(
+        time[row:] - time[row],
+        ctrl[row:],
+        path[step],
+        (path[step] - path[step - 1]) / dt,
+        held=ctrl[row - 1],
+        since=time[:row] - time[row],
+        past=ctrl[:row],
+    )
+    (later,) = replay(plant, [start])
+    np.testing.assert_allclose(later, path[step::10][: len(later)], atol=1e-9)
+    (none,) = replay(plant, [start._replace(past=None)])
+    assert np.abs(none - later).max() > 0.01
 
 
 def test_steps_are_bounded_by_rows() -> None:

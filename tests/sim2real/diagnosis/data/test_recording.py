@@ -86,7 +86,12 @@ def test_the_command_before_a_start_is_held(log: Log, model: mujoco.MjModel) -> 
     inside = to_recording(part, model, rows_before(log, ROW))
     assert rows_before(log, 0) is None
     assert inside.held == pytest.approx(ctrl[ROW - 1])
+    assert inside.since is not None and inside.past is not None
+    rows = np.searchsorted(log.time, inside.since + log.time[ROW] + 1e-9) - 1
+    np.testing.assert_allclose(inside.past, ctrl[rows])
+    assert rows[-1] == ROW - 1 and len(rows) > 1
     assert to_recording(part, model).held == pytest.approx(ctrl[ROW])
+    assert to_recording(part, model).past is None
 
 
 def test_a_start_in_mid_episode_has_the_slope_of_the_positions(log: Log, model) -> None:
