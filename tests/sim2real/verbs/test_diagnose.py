@@ -23,6 +23,7 @@ from hardware.safety import Guard, StopLimits
 from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.data.replay import measure, summary
 from sim2real.diagnosis.diagnose import diagnose, run_diagnosis
+from sim2real.diagnosis.inference.log_changes import find_reach
 from sim2real.diagnosis.outcome import Diagnosis, write
 from sim2real.diagnosis.report.text import quantity
 from sim2real.diagnosis.schema import Report, WholeReplay
@@ -99,7 +100,9 @@ def test_the_evidence_shows_what_the_report_says() -> None:
     pieces = [path - trace.measured for path in (trace.nominal, trace.corrected)]
     squares = [float(np.sqrt(np.nanmean(piece**2))) for piece in pieces]
     assert squares == pytest.approx([report.gap.before, report.gap.after], rel=1e-6)
-    assert trace.starts[0] == 0 and len(trace.starts) > 1
+    log = make_log({"effect": "coulomb_friction", "where": "hinge", "value": 0.02})
+    assert trace.starts[0] == find_reach(log) and len(trace.starts) > 1
+    assert np.isnan(trace.nominal[: trace.starts[0]]).all()  # what a shift may leave unknown
     assert set(trace.subsets) == {frozenset(), *map(frozenset, subsets(len(report.causes)))}
     assert {signal.kind for signal in evidence.signals} == {"command", "current", "voltage"}
     before, after = (
