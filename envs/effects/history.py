@@ -45,10 +45,10 @@ class CommandHistory(BoundEffect):
         self.fill(ids, ctrl[:, None])
 
     def fill(self, ids: np.ndarray, past: np.ndarray) -> None:
-        """Hold past commands, (n, P, nu), one a step, the first of them for all that was before."""
+        """Hold past commands, (n, P, nu): one for each sample of the longest line, or P = 1."""
         for column, address, samples in self._lines:
-            first, own = address + 2 + samples, past[:, -samples:, column]
-            own = np.pad(own, ((0, 0), (samples - own.shape[1], 0)), "edge")
+            first = address + 2 + samples
+            own = past[:, -samples:, column]
             self._history[ids[:, None], np.arange(first, first + samples)] = own
 
 

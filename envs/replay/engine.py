@@ -12,7 +12,7 @@ from envs.effects.history import CommandHistory
 from envs.errors import EnvsError, TaskError
 from envs.plant import Plant
 from envs.replay.derivative import add_derivatives
-from envs.replay.recording import Recording, Schedule, schedule
+from envs.replay.recording import ROUNDING, Recording, Schedule, schedule
 from envs.replay.rollout import rollout
 
 
@@ -118,7 +118,7 @@ def simulate(
     seeds = np.zeros(len(every), np.uint64)
     plant.reset(every, qpos, qvel, seeds, ctrl=held, measured=True, act=act)
     if plant.model.nhistory and any(plan.past is not None for plan in plans):
-        remember(plant, plans, held)
+        _remember(plant, plans, held)
     if warm is not None:
         warm()
     longest = int(steps.max())
@@ -132,15 +132,23 @@ def simulate(
     return Motion(plant.model.opt.timestep, rollout(plant, ctrl, off, law, steps), steps)
 
 
-def remember(plant: Plant, plans: Sequence[Schedule], held: np.ndarray) -> None:
+def _remember(plant: Plant, plans: Sequence[Schedule], held: np.ndarray) -> None:
     """Let delay lines hold what was sent before the start, changed as `held`, (N, nu), was."""
-    own = [plan.held[None] if plan.past is None else plan.past for plan in plans]
-    most = max(map(len, own))
-    past = np.stack([np.pad(one, ((most - len(one), 0), (0, 0)), "edge") for one in own])
+    samples = int(plant.model.actuator_history[:, 0].max())
+    moments = -plant.model.opt.timestep * np.arange(samples, 0, -1)
+    past = np.stack([_sent_before(plan, moments) for plan in plans])  # (N, samples, nu)
     moved = plant.batch.bind("ctrl") - held  # by an encoder's offset
     every = np.arange(plant.num_rows)
     CommandHistory(plant).fill(every, past + moved[:, None])
     plant.physics.started(every)
+
+
+def _sent_before(plan: Schedule, moments: np.ndarray) -> np.ndarray:
+    """Return the commands in force at moments [s] before the start, (P, nu)."""
+    if plan.since is None or plan.past is None:
+        return np.tile(plan.held, (len(moments), 1))
+    latest = np.searchsorted(plan.since, moments + ROUNDING, side="right") - 1
+    return plan.past[np.maximum(latest, 0)]
 
 
 def replay(

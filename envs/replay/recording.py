@@ -4,7 +4,6 @@ plan = schedule(recording, dt=0.002)
 plan.ctrl, plan.off          # (K, nu), (K,)
 """
 
-import math
 from typing import NamedTuple
 
 import mujoco
@@ -15,9 +14,6 @@ from envs.errors import TaskError
 GROUPS = 31  # actuator groups that `opt.disableactuator` can switch, MuJoCo XML reference
 STEPS, STEPS_PER_ROW = 1e6, 2e3  # at most, of a recording and for each of its rows
 ROUNDING = 1e-9  # s: a stamp this far behind a step counts as at it
-PAST = (
-    0.12  # s before the start from which commands are kept: no delay that is looked for is longer
-)
 
 
 class Recording(NamedTuple):
@@ -48,7 +44,8 @@ class Schedule(NamedTuple):
     off: np.ndarray  # (K,) bit masks of the actuators that are switched off then
     law: np.ndarray | None = None  # (K, nu, 4) in force at each physics step
     act: np.ndarray | None = None  # (na,) state of the actuators at the start
-    past: np.ndarray | None = None  # (P, nu) command in force at each step before the start
+    since: np.ndarray | None = None  # (B,) s < 0: when the commands before the start are sent
+    past: np.ndarray | None = None  # (B, nu) these; None: `held` alone
 
     @property
     def steps(self) -> int:
@@ -83,14 +80,18 @@ def schedule(recording: Recording, dt: float, lead: float = 0.0) -> Schedule:
         off = _switches(~recording.powered)[latest]
     held = recording.ctrl[0] if recording.held is None else recording.held
     law = None if recording.law is None else recording.law[latest]
-    times, commands, before = recording.time, recording.ctrl, 0
+    times, commands = recording.time, recording.ctrl
+    since, past = None, None
     if recording.since is not None and recording.past is not None:
         times = np.concatenate([recording.since, times])
-        commands, before = np.concatenate([recording.past, commands]), math.ceil(PAST / dt)
-    clock = np.arange(-before, steps) * dt + ROUNDING
-    sent = commands[np.maximum(np.searchsorted(times, clock + lead, side="right") - 1, 0)]
-    own = recording.qpos, recording.qvel, held, sent[before:], off, law, recording.act
-    return Schedule(*own, sent[:before] if before else None)
+        commands = np.concatenate([recording.past, commands])
+        early = times < lead
+        since, past = times[early] - lead, commands[early]
+    sent = np.searchsorted(times, clock + lead, side="right") - 1
+    ctrl = commands[np.maximum(sent, 0)]
+    return Schedule(
+        recording.qpos, recording.qvel, held, ctrl, off, law, recording.act, since, past
+    )
 
 
 def groups(actuators: int) -> np.ndarray:

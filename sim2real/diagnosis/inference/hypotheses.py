@@ -24,7 +24,7 @@ from sim2real.diagnosis.inference.log_change import LogChange
 
 Member = Candidate | LogChange
 Kind = Literal["robot", "log", "world"]
-SHARES = (-0.2, -0.05, 0.05, 0.2)  # of an edge by which it is moved
+SHARES = (-0.2, -0.05, 0.05, 0.2)  # of an edge by which it is moved: coarse and fine steps
 WORLD = ("gravity_tilt", "gravity_compensation", "push", "ground_friction", "contact_stiffness")
 
 
