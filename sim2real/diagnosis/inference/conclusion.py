@@ -16,7 +16,7 @@ from sim2real.diagnosis.evidence import Band, Pair, Rung, SingleFit
 from sim2real.diagnosis.inference.baseline import Baseline
 from sim2real.diagnosis.inference.candidates import Candidate
 from sim2real.diagnosis.inference.deviations import find_deviations
-from sim2real.diagnosis.inference.distance import compute_separation, is_told_apart
+from sim2real.diagnosis.inference.distance import compute_separation
 from sim2real.diagnosis.inference.fit import Fit
 from sim2real.diagnosis.inference.hypotheses import Member, get_effect, get_kind, get_place
 from sim2real.diagnosis.inference.intervals import compute_intervals
@@ -201,10 +201,8 @@ def find_equivalents(judgement: Judgement, place: int) -> list[tuple[Member, Fit
     for rival in judgement.rivals:
         others = [m for m in rival.hypothesis.members if m.label not in rest]
         same = len(rival.hypothesis.members) == len(best.hypothesis.members)
-        if same and len(others) == 1:
-            judge = judgement.judge
-            if not is_told_apart(judge.fitter, judge.bootstrap, best, rival):
-                found.append((others[0], rival))
+        if same and len(others) == 1 and not judgement.judge.distance.is_told(best, rival):
+            found.append((others[0], rival))
     return found
 
 

@@ -1,6 +1,7 @@
 """How far apart two explanations predict, in nats: the one measure of equivalence.
 
-    compute_separation(fitter, one, other)              # after both were fitted
+    compute_separation(fitter, one, other)                       # after both were fitted
+    Distance(fitter, bootstrap, count).is_told(best, other)      # by these windows
 
 If one explanation is true, recordings like these are expected to favour it by half the squared
 distance of the predictions under the covariance of what neither knows: the Kullback-Leibler
@@ -9,7 +10,9 @@ starts, usual errors and the discrepancy may make does not part them.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+
+import numpy as np
 
 from sim2real.diagnosis.inference.fit import Fit, Fitter
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, get_kind, get_place
@@ -34,32 +37,54 @@ def compute_separation(fitter: Fitter, one: Fit, other: Fit) -> float:
     )
 
 
-def is_told_apart(fitter: Fitter, bootstrap: Bootstrap, best: Fit, other: Fit) -> bool:
-    """Return whether these windows tell the best from another explanation.
+class Distance:
+    """Which explanations windows tell apart, by more than an encoder count.
 
-    They do where it predicts significantly better, and with odds of one over the level: readings
-    are no independent evidence, so odds change by e for each `temperature` nats a row.
+    As for what is left of a gap, a model that is off by a count is right: they are compared with a
+    discrepancy of a count or more.
+
+    Args:
+        fitter: that made them.
+        bootstrap: says which predicts significantly better.
+        count: of each joint, in noises, (M,).
     """
-    gain = bootstrap.gain(best.score - other.score)
-    odds = gain.total / fitter.replayer.compared / fitter.settings.temperature
-    return gain.low > 0 and odds > math.log(1 / fitter.settings.level)
+
+    def __init__(self, fitter: Fitter, bootstrap: Bootstrap, count: np.ndarray) -> None:
+        self._fitter, self._bootstrap, self._count = fitter, bootstrap, count
+        self._scores: dict[Fit, np.ndarray] = {}  # (W,) nats
+
+    def score(self, fitter: Fitter, fit: Fit) -> np.ndarray:
+        """Return the score of a fit, (W,) nats, the first time by the unknowns of a fitter."""
+        if fit not in self._scores:
+            (self._scores[fit],) = fitter.score_within(fit, [(self._count, np.inf)], near=True)
+        return self._scores[fit]
+
+    def is_told(self, best: Fit, other: Fit) -> bool:
+        """Return whether these windows tell the best from another explanation.
+
+        They do where it predicts significantly better, and with odds of one over the level:
+        readings are no independent evidence, so odds change by e for each `temperature` nats a row.
+        """
+        scores = [self.score(self._fitter, fit) for fit in (best, other)]
+        gain, settings = self._bootstrap.gain(scores[0] - scores[1]), self._fitter.settings
+        odds = gain.total / self._fitter.replayer.compared / settings.temperature
+        return gain.low > 0 and odds > math.log(1 / settings.level)
 
 
-def stands_alone(fitter: Fitter, bootstrap: Bootstrap, best: Fit, others: Sequence[Fit]) -> bool:
+def stands_alone(best: Fit, others: Sequence[Fit], told: Callable[[Fit], bool]) -> bool:
     """Return whether no explanation as long as the best does as well with quite other causes.
 
     One other member is an equivalent of the one in whose place it stands. Two are no names, unless
     each stands for one of the best by itself as well.
 
     Args:
-        fitter: that made them all.
-        bootstrap: says which predicts significantly better.
         best: the explanation.
         others: explanations of any length.
+        told: whether the windows tell one of them from the best.
     """
     own = _labels(best)
     rivals = [one for one in others if len(_labels(one)) == len(own)]
-    rivals = [one for one in rivals if not is_told_apart(fitter, bootstrap, best, one)]
+    rivals = [one for one in rivals if not told(one)]
     alike = own.union(*(_labels(one) for one in rivals if len(_labels(one) - own) < APART))
     return all(len(_labels(one) - alike) < APART for one in rivals)
 

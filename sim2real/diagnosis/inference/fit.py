@@ -138,21 +138,23 @@ class Fitter:
         state = _State(hypothesis, values, own, self._train(own))
         return state.judged(held.error, self._score(state, held))
 
-    def score_capped(self, fit: Fit, caps: Sequence[np.ndarray], near: bool = False) -> np.ndarray:
-        """Return the scores of a fit, (K, W) nats, whose discrepancy is at most so large.
+    def score_within(
+        self, fit: Fit, ranges: Sequence[Sequence[Any]], near: bool = False
+    ) -> np.ndarray:
+        """Return the scores of a fit, (K, W) nats, whose discrepancy has a size within a range.
 
         Args:
             fit: what is scored.
-            caps: the largest sizes in noises, (M,) each; inf: any.
+            ranges: smallest and largest sizes in noises, numbers or (M,) each.
             near: whether the discrepancy begins as large as it is where it is free.
         """
-        scores = np.zeros((len(caps), len(self.fold)))
+        scores = np.zeros((len(ranges), len(self.fold)))
         for side, own in enumerate(self.sides):
             projection = self.likelihood.project(self._seen_from(side, fit.own, fit.held))
             begin, other = fit.trained[side] if near else None, self.sides[1 - side]
-            for score, most in zip(scores, caps, strict=True):
-                trained = self.likelihood.train(projection, own, most, begin)
-                predicted = self.likelihood.predict(projection, trained, most)
+            for score, sizes in zip(scores, ranges, strict=True):
+                trained = self.likelihood.train(projection, own, sizes, begin)
+                predicted = self.likelihood.predict(projection, trained, sizes)
                 score[other] = (predicted - self.likelihood.charge(trained))[other]
         return scores
 

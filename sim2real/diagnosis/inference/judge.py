@@ -12,9 +12,9 @@ unknown of starts, clocks and parameters is computed around it anew each time.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from sim2real.diagnosis.inference.decision import (
     compute_price,
     decide_verdict,
 )
-from sim2real.diagnosis.inference.distance import is_told_apart, share_joint, stands_alone
+from sim2real.diagnosis.inference.distance import Distance, share_joint, stands_alone
 from sim2real.diagnosis.inference.episodes import follows_episodes
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.glance import NONE
@@ -43,7 +43,6 @@ from sim2real.diagnosis.inference.moves import (
     rank_fits,
     restart,
 )
-from sim2real.diagnosis.inference.products import HALF
 from sim2real.diagnosis.inference.pushes import Pushed, find_pushes
 from sim2real.diagnosis.inference.replayer import Job, Replayer
 from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, Gain, deal_folds
@@ -206,7 +205,7 @@ class Judge:
 
     def left_in_windows(self, fit: Fit) -> np.ndarray:
         """Return what a free discrepancy gains in each window [nats], (W,)."""
-        return fit.score - self.fitter.score_capped(fit, [self.most])[0]
+        return fit.score - self.fitter.score_within(fit, [(0.0, self.most)])[0]
 
     def excess(self, fit: Fit) -> np.ndarray:
         """Return by how much squared errors exceed what noise and counts make, (W, N, M)."""
@@ -239,6 +238,7 @@ class Judge:
         self._around = hypothesis.label
         self.basis = self.fitter.likelihood.basis
         self._lefts: dict[Fit, Left] = {}  # of what was asked, in this likelihood
+        self.distance = Distance(self.fitter, self.bootstrap, self.most)
         self._apart: set[str] = set()  # labels of what was judged by unknowns of its own instead
         (self.given,) = self.fitter.fit([Start(NONE, np.zeros((1, 0)))])
         paths = (self.replayer.holding(), self.replayer.coasting())
@@ -296,15 +296,14 @@ class Judge:
             self.moving(f"fitting {best.label} and its rivals once more", SHARES[-1])
             best, tried = self._refit(best, tried)
         fits = [self._judge_apart(fit, best) for fit in self.fitter.fit(map(restart, imitators))]
-        known = self.fitter, self.bootstrap, best
-        imitators = [fit for fit in fits if not is_told_apart(*known, fit)]
+        imitators = [fit for fit in fits if not self.distance.is_told(best, fit)]
         verdict, pushes = self._decide(best, tried, not imitators), ()
         if verdict != "explained" and self.explains(self.given):
             best, verdict = self.given, "no_gap"  # what explains a part of no gap is no cause
         left = self.left(best)
         causes = self._world and (verdict != "unexplained" or best is self.given)
         if causes and left.whole > self.settings.equivalence_tolerance:
-            pushes = self._find_pushes(best)
+            pushes = find_pushes(self.fitter, best, self.excess(best), self.excess(self.given))
             verdict = "partly_explained" if pushes else verdict
         rivals = rank_fits([f for f in tried.values() if f is not best and f.hypothesis.members])
         fits = [best, *rivals]
@@ -316,16 +315,6 @@ class Judge:
         )
         known = verdict, best, self.given, self.nulls, tuple(rivals)
         return Judgement(*known, left.gain, pushes, chances, unknown, tuple(imitators), self)
-
-    def _find_pushes(self, best: Fit) -> tuple[Pushed, ...]:
-        """Return the pushes that hold most of what an explanation leaves, if that is worth a cause.
-
-        Where one variance holds for all errors, the tolerance is this share of their squares.
-        """
-        left, least = self.excess(best), 1 - math.exp(-self.settings.equivalence_tolerance / HALF)
-        if left.sum() < least * self.excess(self.given).sum():
-            return ()
-        return find_pushes(self.fitter, best, left)
 
     def _decide(self, best: Fit, tried: dict[str, Fit], alone: bool) -> Verdict:
         """Return the verdict on the best of what was tried; alone: nothing excluded imitates it."""
@@ -342,7 +331,7 @@ class Judge:
             follows_episodes(self.data, best, *self._rest),
             alone
             and not share_joint(best.hypothesis, len(self.data.joints))
-            and stands_alone(self.fitter, self.bootstrap, best, list(tried.values())),
+            and stands_alone(best, [*tried.values()], partial(self.distance.is_told, best)),
         )
         return decide_verdict(standing, self.settings)
 
@@ -376,7 +365,9 @@ class Judge:
         if fit.hypothesis.mended == best.hypothesis.mended:
             return fit
         own, *_ = self._make(fit.hypothesis, fit.values)
-        return own.fit([restart(fit)], rounds=0)[0]
+        (fit,) = own.fit([restart(fit)], rounds=0)
+        self.distance.score(own, fit)
+        return fit
 
     def _judge_mended(self, tried: dict[str, Fit]) -> None:
         """Judge the best of what was tried by unknowns of its own if it mends the log, in place.

@@ -67,8 +67,8 @@ def measure_left(
     whole = bootstrap.gain(windows).high / readings
     worst = total = Gain(*(value / readings for value in gain))
     if total.high <= settings.equivalence_tolerance:  # every joint is asked if all pass
-        caps = np.where(np.eye(len(most)) > 0, most, np.inf)
-        for score in fitter.score_capped(fit, list(caps), near=True):
+        ranges = [(0.0, size) for size in np.where(np.eye(len(most)) > 0, most, np.inf)]
+        for score in fitter.score_within(fit, ranges, near=True):
             gain = bootstrap.gain(np.where(lasting, fit.score - score, 0.0))
             one = Gain(*(value / replayer.compared for value in gain))
             worst = max(worst, one, key=lambda gain: gain.high)

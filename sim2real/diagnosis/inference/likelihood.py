@@ -52,6 +52,7 @@ from sim2real.diagnosis.settings.inference import Inference
 FOLDS = 2  # halves of the windows: one is trained on, the other predicted
 NEAR = sorted(product((-1, 0, 1), repeat=2), key=any)  # steps of time and size
 SHIFTS = np.arange(-1, 5)  # doublings of a window's own discrepancy
+ANY = 0.0, np.inf  # sizes of a discrepancy
 DECIMALS = 6  # of nats: what differs by less is as good, and the first is taken, not the rounding's
 
 
@@ -159,7 +160,7 @@ class Likelihood:
         self,
         projection: Projection,
         windows: np.ndarray,
-        most: np.ndarray | None = None,
+        sizes: Sequence[Any] = ANY,
         near: Trained | None = None,
     ) -> Trained:
         """Return the discrepancy that makes some windows most probable.
@@ -167,37 +168,35 @@ class Likelihood:
         Args:
             projection: of the errors.
             windows: to train on, (n,) indices.
-            most: largest size of the discrepancy of each joint, in its noise, (M,); None: any.
+            sizes: smallest and largest of the discrepancy, in a joint's noise, numbers or (M,).
             near: where to begin; None: at each joint's own best.
         """
-        cap = np.searchsorted(self.sizes, np.inf if most is None else most, side="right") - 1
-        cap = np.broadcast_to(cap, self.noise.shape)
-        time, size, shift = self._begin(projection, windows, cap, near)
+        ends = self._find_ends(sizes)
+        time, size, shift = self._begin(projection, windows, ends, near)
         for _ in range(self.settings.turns):
             before = time.copy(), size.copy(), shift.copy()
-            self._sweep(projection, windows, cap, (time, size, shift))
-            self._assign(projection, windows, cap, (time, size, shift))
+            self._sweep(projection, windows, ends, (time, size, shift))
+            self._assign(projection, windows, ends, (time, size, shift))
             if all((a == b).all() for a, b in zip(before, (time, size, shift), strict=True)):
                 break
-        whole = self._whole(projection, windows, cap, time, size, shift[windows])
+        whole = self._whole(projection, windows, ends, time, size, shift[windows])
         density, mean, precision = condense(whole)
         prior = self.log_prior[shift[windows]].sum()
         return Trained(time, size, shift, mean, precision, float(density + prior))
 
     def predict(
-        self, projection: Projection, trained: Trained, most: np.ndarray | None = None
+        self, projection: Projection, trained: Trained, sizes: Sequence[Any] = ANY
     ) -> np.ndarray:
         """Return the log predictive density of each window given those trained on, (W,) nats.
 
-        A window's own scale is unknown beforehand and integrated out; see `train` for `most`.
+        A window's own scale is unknown beforehand and integrated out; see `train` for `sizes`.
         """
-        cap = np.searchsorted(self.sizes, np.inf if most is None else most, side="right") - 1
-        cap = np.broadcast_to(cap, self.noise.shape)
+        ends = self._find_ends(sizes)
         every = np.arange(len(self.used))
         densities = []
         for k, weight in enumerate(self.log_prior):
             same = np.full(len(every), k)
-            own = self._whole(projection, every, cap, trained.time, trained.size, same)
+            own = self._whole(projection, every, ends, trained.time, trained.size, same)
             densities.append(weight + predict_each(own, trained.mean, trained.precision))
         return np.logaddexp.reduce(densities)
 
@@ -248,7 +247,7 @@ class Likelihood:
         some = np.where(self.used[windows][..., None, None], vectors[windows], 0.0)
         gram = np.zeros((len(windows), *2 * (count + some.shape[-1],)))
         for joint, (time, size) in enumerate(zip(trained.time, trained.size, strict=True)):
-            own = self._shifted(size, trained.shift[windows])
+            own = self._shifted(size, trained.shift[windows], (0, len(self.sizes) - 1))
             basis = self.basis.vectors[time, windows]
             turned = basis.mT @ some[:, :, joint]
             both = np.concatenate([self._turned[time, joint, windows], turned], axis=-1)
@@ -275,10 +274,14 @@ class Likelihood:
         gram = self.curvature(trained, vectors, windows) / self._evidence
         return gram[0, 1:], 1 - np.diag(gram)[1:]
 
-    def _shifted(self, size: Any, shift: np.ndarray, cap: int | None = None) -> np.ndarray:
-        """Return indices of sizes that windows' own shifts lead to."""
-        last = len(self.sizes) - 1 if cap is None else cap
-        return np.clip(size + SHIFTS[shift], 0, last)
+    def _find_ends(self, sizes: Sequence[Any]) -> np.ndarray:
+        """Return indices of the smallest and the largest size of each joint, (2, M)."""
+        found = [np.searchsorted(self.sizes, one, side="right") - 1 for one in sizes]
+        return np.stack([np.broadcast_to(one, self.noise.shape) for one in found])
+
+    def _shifted(self, size: Any, shift: np.ndarray, ends: Any) -> np.ndarray:
+        """Return indices of sizes, between the ends, that windows' own shifts lead to."""
+        return np.clip(size + SHIFTS[shift], *ends)
 
     def _whole(self, *where: Any) -> Products:
         """Return the products of all joints, each window's own unknowns integrated out."""
@@ -288,15 +291,15 @@ class Likelihood:
         self,
         projection: Projection,
         windows: np.ndarray,
-        cap: np.ndarray,
+        ends: np.ndarray,
         time: np.ndarray,
         size: np.ndarray,
         shift: np.ndarray,
     ) -> list[Products]:
         """Return the products of each joint in some windows."""
         cells = [
-            (t, self._shifted(s, shift, most), joint, windows)
-            for joint, (t, s, most) in enumerate(zip(time, size, cap, strict=True))
+            (t, self._shifted(s, shift, own), joint, windows)
+            for joint, (t, s, own) in enumerate(zip(time, size, ends.T, strict=True))
         ]
         return [self._products(projection, cell) for cell in cells]
 
@@ -312,44 +315,44 @@ class Likelihood:
         return Products(self._gram[cell], projection.cross[cell], projection.square[cell])
 
     def _begin(
-        self, projection: Projection, windows: np.ndarray, cap: np.ndarray, near: Trained | None
+        self, projection: Projection, windows: np.ndarray, ends: np.ndarray, near: Trained | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return where a training starts: time (M,), size (M,), shift (W,)."""
         if near is not None:
-            return near.time.copy(), np.minimum(near.size, cap), near.shift.copy()
+            return near.time.copy(), np.clip(near.size, *ends), near.shift.copy()
         alone = np.median(projection.square[..., windows], axis=-1)  # (T, S, M)
-        time, size = np.zeros(len(cap), int), np.zeros(len(cap), int)
-        for joint, last in enumerate(cap):
-            own = alone[:, : last + 1, joint]
+        time, size = np.zeros_like(ends[0]), ends[0].copy()
+        for joint, (first, last) in enumerate(ends.T):
+            own = alone[:, first : last + 1, joint]
             best = np.argmin(own.round(DECIMALS))  # of size 0 all times are alike
-            time[joint], size[joint] = np.unravel_index(best, own.shape)
+            time[joint], size[joint] = np.add(np.unravel_index(best, own.shape), (0, first))
         return time, size, np.full(len(self.used), int(np.flatnonzero(SHIFTS == 0)[0]))
 
     def _sweep(
         self,
         projection: Projection,
         windows: np.ndarray,
-        cap: np.ndarray,
+        ends: np.ndarray,
         state: tuple[np.ndarray, np.ndarray, np.ndarray],
     ) -> None:
         """Let each joint's discrepancy in turn be the best near to what it is, in place."""
         time, size, shift = state
-        parts = self._parts(projection, windows, cap, time, size, shift[windows])
+        parts = self._parts(projection, windows, ends, time, size, shift[windows])
         later = [*accumulate(reversed(parts), add)][-2::-1]  # those after each joint but the last
         before: list[Products] = []  # those before it
         for joint in range(len(self.noise)):
             others, tried = before + later[joint : joint + 1], dict[tuple[int, int], float]()
-            ends = len(self.basis.vectors) - 1, int(cap[joint])
+            last, own_ends = len(self.basis.vectors) - 1, ends[:, joint]
             best = int(time[joint]), int(size[joint])
-            while near := [one for one in _list_near(*best, *ends) if one not in tried]:
+            while near := [one for one in _list_near(*best, last, own_ends) if one not in tried]:
                 times, sizes = np.transpose(near)
-                own = np.clip(sizes[:, None] + SHIFTS[shift[windows]], 0, cap[joint])  # (c, n)
+                own = self._shifted(sizes[:, None], shift[windows], own_ends)  # (c, n)
                 cells = self._products(projection, (times[:, None], own, joint, windows))
                 found = condense(integrate(reduce(add, others, cells), self._local))[0]
                 tried |= dict(zip(near, found.round(DECIMALS).tolist(), strict=True))
                 best = max(tried, key=tried.__getitem__)
             time[joint], size[joint] = best
-            own = self._shifted(best[1], shift[windows], cap[joint])
+            own = self._shifted(best[1], shift[windows], own_ends)
             cells = self._products(projection, (best[0], own, joint, windows))
             before = [reduce(add, before, cells)]
 
@@ -357,17 +360,17 @@ class Likelihood:
         self,
         projection: Projection,
         windows: np.ndarray,
-        cap: np.ndarray,
+        ends: np.ndarray,
         state: tuple[np.ndarray, np.ndarray, np.ndarray],
     ) -> None:
         """Give each window the scale that fits it best, the common errors as they are, in place."""
         time, size, shift = state
-        now = self._whole(projection, windows, cap, time, size, shift[windows])
+        now = self._whole(projection, windows, ends, time, size, shift[windows])
         _, mean, _ = condense(now)
         found = []
         for k, weight in enumerate(self.log_prior):
             same = np.full(len(windows), k)
-            own = self._whole(projection, windows, cap, time, size, same)
+            own = self._whole(projection, windows, ends, time, size, same)
             found.append(weight - HALF * (own.square + compute_pull(own, mean)))
         shift[windows] = np.argmax(found, axis=0)
 
@@ -391,7 +394,7 @@ def _list_new(known: np.ndarray, cells: Any) -> Iterator[tuple[int, ...]]:
     yield from map(tuple, np.argwhere(asked))
 
 
-def _list_near(time: int, size: int, last: int, most: int) -> list[tuple[int, int]]:
+def _list_near(time: int, size: int, last: int, ends: np.ndarray) -> list[tuple[int, int]]:
     """Return indices of a time and a size, and of their neighbours: itself first."""
     found = [(time + one, size + other) for one, other in NEAR]
-    return [(t, s) for t, s in found if 0 <= t <= last and 0 <= s <= most]
+    return [(t, s) for t, s in found if 0 <= t <= last and ends[0] <= s <= ends[1]]

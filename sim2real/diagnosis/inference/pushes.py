@@ -1,6 +1,6 @@
 """A push: a torque on one joint during some moments of one episode, which no command tells.
 
-    for push in find_pushes(fitter, fit, left):
+    for push in find_pushes(fitter, fit, left, before):
         push.joint, push.seconds, push.torque
 
 A push is in one window alone, so that no other fold tells its size. It is a direction more of that
@@ -108,18 +108,25 @@ class Pushed(NamedTuple):
     evidence: float
 
 
-def find_pushes(fitter: Fitter, fit: Fit, left: np.ndarray) -> tuple[Pushed, ...]:
+def find_pushes(
+    fitter: Fitter, fit: Fit, left: np.ndarray, before: np.ndarray
+) -> tuple[Pushed, ...]:
     """Return the pushes that most of what a fit leaves is of, the clearest first.
 
-    None where they leave more: a law that is missing everywhere is no push.
+    None where they leave more: a law that is missing everywhere is no push. Nor where all of it is
+    not worth a cause: of errors with one variance, the tolerance is a share of the squares.
 
     Args:
         fitter: that made the fit.
         fit: the explanation so far.
         left: what it leaves of each reading, (W, N, M).
+        before: the same of the model as given.
     """
     found, held = [], 0.0
     of_window = left.sum(axis=(1, 2))
+    least = 1 - math.exp(-fitter.settings.equivalence_tolerance / HALF)
+    if left.sum() < least * before.sum():
+        return ()
     for window in np.argsort(-of_window)[:MOST].tolist():
         push = _find_push(fitter, fit, left, window)
         if push is not None:

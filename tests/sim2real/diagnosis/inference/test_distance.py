@@ -3,18 +3,8 @@
 from types import SimpleNamespace
 from typing import Any
 
-import pytest
-
-from sim2real.diagnosis.inference import distance
 from sim2real.diagnosis.inference.distance import share_joint, stands_alone
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
-
-
-@pytest.fixture(autouse=True)
-def _known(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A fit is as good as the best unless it is marked as worse."""
-    told = lambda fitter, bootstrap, best, other: other.worse  # noqa: E731
-    monkeypatch.setattr(distance, "is_told_apart", told)
 
 
 def fit(*labels: str, worse: bool = False) -> Any:
@@ -30,8 +20,11 @@ def member(name: str, place: str | None) -> Any:
 
 def alone(best: Any, *others: Any) -> bool:
     """Return whether the best stands alone among others."""
-    nothing: Any = None
-    return stands_alone(nothing, nothing, best, others)
+
+    def told(other: Any) -> bool:
+        return other.worse
+
+    return stands_alone(best, others, told)
 
 
 def test_quite_other_causes_that_do_as_well_contest() -> None:

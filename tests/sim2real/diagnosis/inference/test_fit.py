@@ -8,7 +8,7 @@ import pytest
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.inference.candidates import Candidate, candidates
-from sim2real.diagnosis.inference.distance import compute_separation, is_told_apart
+from sim2real.diagnosis.inference.distance import Distance, compute_separation
 from sim2real.diagnosis.inference.fit import Fitter, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import Likelihood
@@ -203,8 +203,9 @@ def test_effects_that_act_alike_are_not_separated(case: Case) -> None:
     assert compute_separation(case.fitter, late, late) == 0
     windows, rng = case.data.windows, np.random.default_rng(0)
     bootstrap = Bootstrap(windows, rng, case.replayer.settings)
-    assert is_told_apart(case.fitter, bootstrap, late, other)
-    assert not is_told_apart(case.fitter, bootstrap, late, late)
+    distance = Distance(case.fitter, bootstrap, np.ones(len(case.data.joints)))
+    assert distance.is_told(late, other)
+    assert not distance.is_told(late, late)
 
 
 def test_a_step_corrects_the_slopes_by_what_it_changed(

@@ -4,6 +4,7 @@ import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from hardware.log import Log
 from sim2real.diagnosis.inference import search as searching
 from sim2real.diagnosis.inference.fit import Fit, Start
+from sim2real.diagnosis.inference.glance import NONE
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
 from sim2real.diagnosis.inference.judge import Judge, Judgement
 from sim2real.diagnosis.inference.likelihood import Likelihood
@@ -61,16 +63,28 @@ def test_moments_that_may_be_left_count_nowhere(tmp_path: Path, monkeypatch) -> 
     assert left.whole > 1.0
 
 
+def test_what_differs_by_less_than_a_count_is_not_told_apart(tmp_path: Path) -> None:
+    """However many readings there are: a model that is off by as much counts as right."""
+    judge = Judge(arm.data_of(arm.make_log(seconds=60.0, noise=NOISE), tmp_path))
+    size = np.minimum(judge.most, 1.0) * judge.replayer.noise
+    wave = size * np.sin(9 * judge.replayer.times)[..., None]
+    off = [judge.given.own + share * wave for share in (0.5, 4.0)]
+    near, far = (judge.fitter.judge(NONE, np.zeros((2, 0)), (e, e)) for e in off)
+    assert judge.bootstrap.gain(judge.given.score - near.score).low > 0
+    assert not judge.distance.is_told(judge.given, near)
+    assert judge.distance.is_told(judge.given, far)
+
+
 def test_sound_joints_do_not_hide_one_that_is_not(tmp_path: Path, monkeypatch) -> None:
     """What is left is asked of every joint: the mean over all of them would pass."""
     judge = Judge(arm.data_of(arm.make_log(seconds=60.0, noise=NOISE), tmp_path))
     tolerance = judge.settings.equivalence_tolerance
     share = 1.5 * tolerance * judge.rows / len(judge.fold)  # nats a window, all of them at b
 
-    def score_capped(fit: Fit, caps: Sequence[np.ndarray], near: bool = False) -> np.ndarray:
-        return np.stack([fit.score - (share if np.isfinite(most[1]) else 0.0) for most in caps])
+    def score_within(fit: Fit, ranges: Sequence[Any], near: bool = False) -> np.ndarray:
+        return np.stack([fit.score - (share if np.isfinite(m[1]) else 0.0) for _, m in ranges])
 
-    monkeypatch.setattr(judge.fitter, "score_capped", score_capped)
+    monkeypatch.setattr(judge.fitter, "score_within", score_within)
     left = judge.left(judge.given)
     assert left.gain.high < tolerance < left.worst.high
     assert not judge.explains(judge.given)

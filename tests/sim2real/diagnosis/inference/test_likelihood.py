@@ -157,11 +157,11 @@ def test_a_cap_on_the_discrepancy_holds_in_every_window() -> None:
     small = Small(4)
     projection = small.likelihood.project(10 * small.errors)
     most = np.array([1.0, 2.0])
-    trained = small.likelihood.train(projection, np.arange(W), most)
+    trained = small.likelihood.train(projection, np.arange(W), (0.0, most))
     assert (small.likelihood.sizes[trained.size] <= most).all()
     free = small.likelihood.train(projection, np.arange(W))
     assert free.density > trained.density
-    held = small.likelihood.predict(projection, trained, most)
+    held = small.likelihood.predict(projection, trained, (0.0, most))
     assert (small.likelihood.predict(projection, free) > held).all()
 
 
