@@ -165,6 +165,21 @@ def test_a_cap_on_the_discrepancy_holds_in_every_window() -> None:
     assert (small.likelihood.predict(projection, free) > held).all()
 
 
+@pytest.mark.parametrize("begin", [False, True])
+def test_a_discrepancy_of_one_size_has_it_in_every_window(begin: bool) -> None:
+    """Both ends hold, from wherever the training starts: all is a Gaussian of that size."""
+    small = Small(5)
+    projection, size = small.likelihood.project(small.noise * small.errors), (2.0, 2.0)
+    free = small.likelihood.train(projection, np.arange(W)) if begin else None
+    trained = small.likelihood.train(projection, np.array([0, 1, 2]), size, free)
+    assert (small.likelihood.sizes[trained.size] == 2.0).all()
+    none = np.full(W, np.flatnonzero(SHIFTS == 0)[0])
+    small.errors = small.noise * small.errors
+    dense = [small.dense(trained, none, windows) for windows in ([0, 1, 2], [0, 1, 2, 3])]
+    held = small.likelihood.predict(projection, trained, size)[3]
+    assert held == pytest.approx(dense[1] - dense[0], abs=1e-8)
+
+
 def test_windows_scales_have_the_students_weights() -> None:
     """Their mixture of normals is the Student distribution, up to its grid."""
     freedom = replace(SETTINGS, freedom=4.0).freedom
