@@ -201,7 +201,7 @@ def find_equivalents(judgement: Judgement, place: int) -> list[tuple[Member, Fit
     for rival in judgement.rivals:
         others = [m for m in rival.hypothesis.members if m.label not in rest]
         same = len(rival.hypothesis.members) == len(best.hypothesis.members)
-        if same and len(others) == 1 and not judgement.judge.distance.is_told(best, rival):
+        if same and len(others) == 1 and not judgement.judge.distance.distinguishes(best, rival):
             found.append((others[0], rival))
     return found
 

@@ -1,7 +1,7 @@
 """How far apart two explanations predict, in nats: the one measure of equivalence.
 
-    compute_separation(fitter, one, other)                       # after both were fitted
-    Distance(fitter, bootstrap, count).is_told(best, other)      # by these windows
+    compute_separation(fitter, one, other)                          # after both were fitted
+    Distance(fitter, bootstrap, count).distinguishes(best, other)   # by these windows
 
 If one explanation is true, recordings like these are expected to favour it by half the squared
 distance of the predictions under the covariance of what neither knows: the Kullback-Leibler
@@ -38,7 +38,7 @@ def compute_separation(fitter: Fitter, one: Fit, other: Fit) -> float:
 
 
 class Distance:
-    """Which explanations windows tell apart, by more than an encoder count.
+    """Which explanations the windows distinguish, by more than an encoder count.
 
     As for what is left of a gap, a model that is off by a count is right: they are compared with a
     discrepancy of a count or more.
@@ -54,13 +54,18 @@ class Distance:
         self._scores: dict[Fit, np.ndarray] = {}  # (W,) nats
 
     def score(self, fitter: Fitter, fit: Fit) -> np.ndarray:
-        """Return the score of a fit, (W,) nats, the first time by the unknowns of a fitter."""
+        """Return the score of a fit, (W,) nats.
+
+        Args:
+            fitter: that made it; it is asked once, and the score is kept.
+            fit: what is scored.
+        """
         if fit not in self._scores:
             (self._scores[fit],) = fitter.score_within(fit, [(self._count, np.inf)], near=True)
         return self._scores[fit]
 
-    def is_told(self, best: Fit, other: Fit) -> bool:
-        """Return whether these windows tell the best from another explanation.
+    def distinguishes(self, best: Fit, other: Fit) -> bool:
+        """Return whether these windows distinguish the best from another explanation.
 
         They do where it predicts significantly better, and with odds of one over the level:
         readings are no independent evidence, so odds change by e for each `temperature` nats a row.
@@ -71,7 +76,7 @@ class Distance:
         return gain.low > 0 and odds > math.log(1 / settings.level)
 
 
-def stands_alone(best: Fit, others: Sequence[Fit], told: Callable[[Fit], bool]) -> bool:
+def stands_alone(best: Fit, others: Sequence[Fit], distinct: Callable[[Fit], bool]) -> bool:
     """Return whether no explanation as long as the best does as well with quite other causes.
 
     One other member is an equivalent of the one in whose place it stands. Two are no names, unless
@@ -80,11 +85,11 @@ def stands_alone(best: Fit, others: Sequence[Fit], told: Callable[[Fit], bool]) 
     Args:
         best: the explanation.
         others: explanations of any length.
-        told: whether the windows tell one of them from the best.
+        distinct: whether the windows distinguish one of them from the best.
     """
     own = _labels(best)
     rivals = [one for one in others if len(_labels(one)) == len(own)]
-    rivals = [one for one in rivals if not told(one)]
+    rivals = [one for one in rivals if not distinct(one)]
     alike = own.union(*(_labels(one) for one in rivals if len(_labels(one) - own) < APART))
     return all(len(_labels(one) - alike) < APART for one in rivals)
 

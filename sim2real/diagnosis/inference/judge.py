@@ -296,7 +296,7 @@ class Judge:
             self.moving(f"fitting {best.label} and its rivals once more", SHARES[-1])
             best, tried = self._refit(best, tried)
         fits = [self._judge_apart(fit, best) for fit in self.fitter.fit(map(restart, imitators))]
-        imitators = [fit for fit in fits if not self.distance.is_told(best, fit)]
+        imitators = [fit for fit in fits if not self.distance.distinguishes(best, fit)]
         verdict, pushes = self._decide(best, tried, not imitators), ()
         if verdict != "explained" and self.explains(self.given):
             best, verdict = self.given, "no_gap"  # what explains a part of no gap is no cause
@@ -331,7 +331,7 @@ class Judge:
             follows_episodes(self.data, best, *self._rest),
             alone
             and not share_joint(best.hypothesis, len(self.data.joints))
-            and stands_alone(best, [*tried.values()], partial(self.distance.is_told, best)),
+            and stands_alone(best, [*tried.values()], partial(self.distance.distinguishes, best)),
         )
         return decide_verdict(standing, self.settings)
 

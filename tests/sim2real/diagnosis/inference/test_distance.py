@@ -21,10 +21,10 @@ def member(name: str, place: str | None) -> Any:
 def alone(best: Any, *others: Any) -> bool:
     """Return whether the best stands alone among others."""
 
-    def told(other: Any) -> bool:
+    def distinct(other: Any) -> bool:
         return other.worse
 
-    return stands_alone(best, others, told)
+    return stands_alone(best, others, distinct)
 
 
 def test_quite_other_causes_that_do_as_well_contest() -> None:

@@ -204,8 +204,8 @@ def test_effects_that_act_alike_are_not_separated(case: Case) -> None:
     windows, rng = case.data.windows, np.random.default_rng(0)
     bootstrap = Bootstrap(windows, rng, case.replayer.settings)
     distance = Distance(case.fitter, bootstrap, np.ones(len(case.data.joints)))
-    assert distance.is_told(late, other)
-    assert not distance.is_told(late, late)
+    assert distance.distinguishes(late, other)
+    assert not distance.distinguishes(late, late)
 
 
 def test_a_step_corrects_the_slopes_by_what_it_changed(

@@ -63,7 +63,7 @@ def test_moments_that_may_be_left_count_nowhere(tmp_path: Path, monkeypatch) -> 
     assert left.whole > 1.0
 
 
-def test_what_differs_by_less_than_a_count_is_not_told_apart(tmp_path: Path) -> None:
+def test_what_differs_by_less_than_a_count_is_not_distinguished(tmp_path: Path) -> None:
     """However many readings there are: a model that is off by as much counts as right."""
     judge = Judge(arm.data_of(arm.make_log(seconds=60.0, noise=NOISE), tmp_path))
     size = np.minimum(judge.most, 1.0) * judge.replayer.noise
@@ -71,8 +71,8 @@ def test_what_differs_by_less_than_a_count_is_not_told_apart(tmp_path: Path) -> 
     off = [judge.given.own + share * wave for share in (0.5, 4.0)]
     near, far = (judge.fitter.judge(NONE, np.zeros((2, 0)), (e, e)) for e in off)
     assert judge.bootstrap.gain(judge.given.score - near.score).low > 0
-    assert not judge.distance.is_told(judge.given, near)
-    assert judge.distance.is_told(judge.given, far)
+    assert not judge.distance.distinguishes(judge.given, near)
+    assert judge.distance.distinguishes(judge.given, far)
 
 
 def test_sound_joints_do_not_hide_one_that_is_not(tmp_path: Path, monkeypatch) -> None:

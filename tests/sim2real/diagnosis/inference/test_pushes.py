@@ -72,3 +72,11 @@ def test_a_push_that_holds_little_of_the_gap_is_no_cause(tmp_path: Path) -> None
     assert 0 < left.sum() < whole.sum() / 9
     assert find_pushes(judge.fitter, small, left, left)
     assert not find_pushes(judge.fitter, small, left, whole)
+
+
+def test_a_push_acts_within_its_moments_alone(tmp_path: Path) -> None:
+    """Before it begins nothing differs, bit for bit."""
+    log, other = pushed(0.0), pushed(TORQUE)
+    early = log.time <= START
+    np.testing.assert_array_equal(log.columns["qpos.b"][early], other.columns["qpos.b"][early])
+    assert np.abs(log.columns["qpos.b"] - other.columns["qpos.b"]).max() > 10 * NOISE
