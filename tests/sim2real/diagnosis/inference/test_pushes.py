@@ -11,6 +11,7 @@ from envs.replay import rollout
 from hardware.log import Log
 from sim2real.diagnosis.inference.judge import Judge
 from sim2real.diagnosis.inference.pushes import Push, Pushed, find_pushes
+from sim2real.diagnosis.inference.vocabulary import Vocabulary
 from tests.sim2real.diagnosis import arm
 
 START, END, TORQUE, NOISE = 5.02, 5.22, 1.5, 3e-4
@@ -72,6 +73,16 @@ def test_a_push_that_holds_little_of_the_gap_is_no_cause(tmp_path: Path) -> None
     assert 0 < left.sum() < whole.sum() / 9
     assert find_pushes(judge.fitter, small, left, left)
     assert not find_pushes(judge.fitter, small, left, whole)
+
+
+def test_a_judgement_names_a_push(tmp_path: Path) -> None:
+    """What no change explains is looked for in moments, and part of the gap is explained."""
+    data = arm.data_of(pushed(TORQUE), tmp_path)
+    judgement = Judge(data).judge(
+        Vocabulary(data, only=["coulomb_friction.a", "viscous_friction.b"])
+    )
+    assert [one.joint for one in judgement.pushes] == ["b"]
+    assert judgement.verdict == "partly_explained"
 
 
 def test_a_push_acts_within_its_moments_alone(tmp_path: Path) -> None:
