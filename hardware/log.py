@@ -35,7 +35,9 @@ import json
 import logging
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -142,10 +144,15 @@ class Log:
     def episodes(self) -> Iterator[Log]:
         """Yield one Log for each episode, in the order of the rows."""
         cuts = np.flatnonzero(np.diff(self.episode)) + 1
-        for rows in np.split(np.arange(len(self)), cuts):
-            part = slice(rows[0], rows[-1] + 1)
-            columns = {name: values[part] for name, values in self.columns.items()}
-            yield Log(columns, self.meta, self.path)
+        for first, last in pairwise([0, *cuts.tolist(), len(self)]):
+            yield self.rows(first, last)
+
+    def rows(self, first: int, last: int) -> Log:
+        """Return rows `first` to `last` (exclusive); what is right of all holds for a part."""
+        part = copy(self)
+        columns = {name: values[first:last] for name, values in self.columns.items()}
+        object.__setattr__(part, "columns", columns)
+        return part
 
 
 def read_log(path: str | Path) -> Log:

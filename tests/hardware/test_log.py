@@ -58,6 +58,9 @@ def test_views():
     assert log.actuators == ["hinge"]
     assert log.joints == ["hinge"]
     assert [list(part.time) for part in log.episodes()] == [[0, 0.02, 0.0401], [0, 0.019]]
+    part = log.rows(1, 3)
+    assert list(part.time) == [0.02, 0.0401] and len(log) == 5
+    assert (part.meta, part.path) == (log.meta, log.path)
     free = dict(log.columns) | {f"qpos.root.{i}": np.zeros(5) for i in range(7)}
     assert Log(free).joints == ["hinge", "root"]
     with pytest.raises(LogError, match=r"no column 'qpos.hing' \(did you mean 'qpos.hinge'"):

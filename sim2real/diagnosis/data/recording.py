@@ -2,7 +2,7 @@
 
     spec = as_recorded(load_model(log, "arm.xml"), log)
     recording = to_recording(episode, model)                    # a whole episode
-    recording = to_recording(rows_of(log, 500, 650), model, rows_before(log, 500))
+    recording = to_recording(log.rows(500, 650), model, rows_before(log, 500))
 
 A replay may start anywhere in an episode. Positions are those of its first row. Speeds are those
 that were logged; where there are none, 0 at the start of an episode, and elsewhere those that the
@@ -120,11 +120,6 @@ def check_log(log: Log, model: mujoco.MjModel) -> None:
     actuators = [model.actuator(i).name for i in range(model.nu)]
     driven = [driven_by(model, name) for name in actuators if name in log.actuators]
     check_names(log, joints, actuators, [own[1] for own in driven if own is not None])
-
-
-def rows_of(log: Log, first: int, last: int) -> Log:
-    """Return rows `first` to `last` (exclusive) of a log."""
-    return replace(log, columns={n: c[first:last] for n, c in log.columns.items()})
 
 
 def episode_rows(log: Log) -> Iterator[slice]:

@@ -25,7 +25,6 @@ from sim2real.diagnosis.data.recording import (
     episode_rows,
     is_flagged,
     rows_before,
-    rows_of,
     to_recording,
 )
 from sim2real.diagnosis.data.speeds import NEAR
@@ -52,7 +51,7 @@ class Piece(NamedTuple):
 
 def piece(log: Log, number: int, first: int, last: int) -> Piece:
     """Return rows `first` to `last` (exclusive) of a log, within one episode."""
-    part, before, origin = rows_of(log, first, last), rows_before(log, first), log.time[first]
+    part, before, origin = log.rows(first, last), rows_before(log, first), log.time[first]
     columns = _shifted(part.columns, origin)
     before = None if before is None else _shifted(before, origin)
     return Piece(number, Log(columns, log.meta, log.path), before)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from hardware.log import Log
-from sim2real.diagnosis.data.recording import follow_couplings, rows_before, rows_of, to_recording
+from sim2real.diagnosis.data.recording import follow_couplings, rows_before, to_recording
 
 BODY = '<geom size="0.02 0.05" type="capsule" mass="0.1" contype="0" conaffinity="0"/>'
 GEARS = f"""<mujoco><worldbody>
@@ -77,7 +77,7 @@ def test_a_replay_from_the_middle_starts_with_its_gear_there() -> None:
     columns = {"episode": 0 * time, "time": time, "ctrl.drive": angle, "qpos.drive": angle}
     log = Log(columns | {"qvel.drive": 3 * np.cos(5 * time)})
     model = mujoco.MjModel.from_xml_string(GEARS)
-    recording = to_recording(rows_of(log, 10, 30), model, rows_before(log, 10))
+    recording = to_recording(log.rows(10, 30), model, rows_before(log, 10))
     drive, driven = places(model, "drive", "driven")
     q, v = angle[10], 3 * np.cos(5 * time[10])
     assert recording.qpos[drive] == q

@@ -12,7 +12,6 @@ from hardware.log import Log, read_logs, write_log
 from sim2real.diagnosis.data.recording import (
     load_model,
     rows_before,
-    rows_of,
     shorten,
     to_recording,
 )
@@ -82,7 +81,7 @@ def test_the_clock_starts_with_the_first_row(log: Log, model: mujoco.MjModel) ->
 def test_the_command_before_a_start_is_held(log: Log, model: mujoco.MjModel) -> None:
     """In mid-episode it is the row's before, at an episode's start the first one."""
     ctrl = np.column_stack([log.column(f"ctrl.{name}") for name in "ab"])
-    part = rows_of(log, ROW, ROW + 50)
+    part = log.rows(ROW, ROW + 50)
     inside = to_recording(part, model, rows_before(log, ROW))
     assert rows_before(log, 0) is None
     assert inside.held == pytest.approx(ctrl[ROW - 1])
@@ -96,7 +95,7 @@ def test_the_command_before_a_start_is_held(log: Log, model: mujoco.MjModel) -> 
 
 def test_a_start_in_mid_episode_has_the_slope_of_the_positions(log: Log, model) -> None:
     """Where no speeds are logged; at the start of an episode the robot rests."""
-    part = rows_of(log, ROW, ROW + 50)
+    part = log.rows(ROW, ROW + 50)
     found = to_recording(part, model, rows_before(log, ROW)).qvel
     around = np.column_stack([log.column(f"qpos.{name}")[ROW - 1 : ROW + 2] for name in "ab"])
     assert found == pytest.approx((around[2] - around[0]) * arm.RATE / 2, abs=0.05)
@@ -109,7 +108,7 @@ def test_a_start_has_the_speeds_that_were_logged(log: Log, model: mujoco.MjModel
     speeds = {f"qvel.{name}": np.linspace(0, k, len(log)) for k, name in ((1.0, "a"), (-2.0, "b"))}
     told = Log({**log.columns, **speeds})
     for row in (0, ROW):
-        part = rows_of(told, row, row + 50)
+        part = told.rows(row, row + 50)
         found = to_recording(part, model, rows_before(told, row)).qvel
         assert found.tolist() == [column[row] for column in speeds.values()]
 
@@ -130,7 +129,7 @@ def test_a_start_s_speed_is_that_of_the_engine(integrator: str) -> None:
     time, position, speed = np.array(states).T
     log = Log({"episode": 0 * time, "time": time, "ctrl.a": 0 * time, "qpos.a": position})
     rows = range(5, 50)
-    found = [to_recording(rows_of(log, r, 60), model, rows_before(log, r)).qvel[0] for r in rows]
+    found = [to_recording(log.rows(r, 60), model, rows_before(log, r)).qvel[0] for r in rows]
     off = np.abs(found - speed[list(rows)])  # half a step of the swing's acceleration: 0.18 rad/s
     assert off.max() < 0.04
 
@@ -158,7 +157,7 @@ def test_a_base_goes_on_from_where_it_was_in_mid_flight(thrown, speeds) -> None:
     model, log = thrown
     if speeds == "slopes":
         log = Log({n: c for n, c in log.columns.items() if not n.startswith("qvel.root")})
-    part = rows_of(log, 30, 60)
+    part = log.rows(30, 60)
     start = to_recording(part, model, rows_before(log, 30))
     truth = thrown[1]
     qvel = [truth.column(f"qvel.root.{k}")[30] for k in range(6)]
@@ -174,7 +173,7 @@ def test_a_base_without_a_whole_pose_rests_at_home(thrown: tuple[mujoco.MjModel,
     """What was not logged is the model's: nothing is guessed from a part of it."""
     model, log = thrown
     left = {n: c for n, c in log.columns.items() if ".root." not in n}
-    start = to_recording(rows_of(Log(left), 30, 60), model, rows_before(Log(left), 30))
+    start = to_recording(Log(left).rows(30, 60), model, rows_before(Log(left), 30))
     assert start.qpos[:7].tolist() == model.qpos0[:7].tolist()
     assert not start.qvel[:6].any()
 
