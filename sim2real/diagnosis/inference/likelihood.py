@@ -365,8 +365,7 @@ class Likelihood:
     ) -> None:
         """Give each window the scale that fits it best, the common errors as they are, in place."""
         time, size, shift = state
-        now = self._whole(projection, windows, ends, time, size, shift[windows])
-        _, mean, _ = condense(now)
+        _, mean, _ = condense(self._whole(projection, windows, ends, time, size, shift[windows]))
         found = []
         for k, weight in enumerate(self.log_prior):
             same = np.full(len(windows), k)
@@ -387,11 +386,11 @@ def _log_shifts(freedom: float) -> np.ndarray:
 
 def _list_new(known: np.ndarray, cells: Any) -> Iterator[tuple[int, ...]]:
     """Yield which of some cells are not known yet, each once; from then on they are."""
-    asked = np.zeros_like(known)
-    asked[cells] = True
-    asked &= ~known
-    known |= asked
-    yield from map(tuple, np.argwhere(asked))
+    new = ~known[cells]
+    if new.any():
+        asked = np.stack(np.broadcast_arrays(*cells), axis=-1)[new]  # (c, 3)
+        known[tuple(asked.T)] = True
+        yield from map(tuple, np.unique(asked, axis=0))
 
 
 def _list_near(time: int, size: int, last: int, ends: np.ndarray) -> list[tuple[int, int]]:

@@ -129,7 +129,8 @@ class Search:
         further += pick_closest(self.glance, base, lines, self.settings.alike)
         named = {start.hypothesis.label: start for start in (*further, *chosen)}
         self._fit(list(named.values()), tried)
-        if first and gap and not judge.is_enough(judge.choose(tried)):
+        pairs = len(best.hypothesis.members) + 1 < self.settings.members_max
+        if first and gap and pairs and not judge.is_enough(judge.choose(tried)):
             self._fit(pick_pairs(self.glance, base, lines, most), tried)
 
     def untie(self, best: Fit, options: Sequence[Candidate], tried: dict[str, Fit]) -> None:

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import yaml
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.diagnose import run_diagnosis
-from sim2real.diagnosis.inference import judge
+from sim2real.diagnosis.inference import judge, search
 from sim2real.diagnosis.inference.run import FEWEST, find_mistakes
 from sim2real.diagnosis.outcome import final_message, write
 from tests.sim2real.diagnosis import arm
@@ -68,8 +69,11 @@ def test_a_first_look_at_a_log_without_a_gap_tries_no_mistake(
     assert find_mistakes(Data.of([arm.make_log(noise=3e-4)], arm.model(tmp_path))) == []
 
 
-def test_a_first_look_seeks_no_pushes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They are no mistake of the log."""
-    monkeypatch.setattr(judge, "find_pushes", _refuse)
+@pytest.mark.parametrize(("place", "name"), [(judge, "find_pushes"), (search, "pick_pairs")])
+def test_a_first_look_seeks_one_mistake(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: ModuleType, name: str
+) -> None:
+    """A push is no mistake of the log, and of two mistakes a diagnosis finds both."""
+    monkeypatch.setattr(place, name, _refuse)
     log = arm.make_log(("coulomb_friction", {"where": "b"}, 0.12), noise=3e-4)
     assert find_mistakes(Data.of([log], arm.model(tmp_path))) == []
