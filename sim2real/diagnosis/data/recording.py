@@ -4,10 +4,11 @@
     recording = to_recording(episode, model)                    # a whole episode
     recording = to_recording(log.rows(500, 650), model, rows_before(log, 500))
 
-A replay may start anywhere in an episode. Positions are those of its first row. Speeds are those
-that were logged; where there are none, 0 at the start of an episode, and elsewhere those that the
-readings around its first row tell (see `speeds`). The command in force before the first row is the
-row's before it; at the start of an episode it is the first one.
+A replay may start anywhere in an episode. Positions are those of its first row, moved on to the
+time of the row if they were read at another. Speeds are those that were logged; where there are
+none, 0 at the start of an episode, and elsewhere those that the readings around its first row tell
+(see `speeds`). The command in force before the first row is the row's before it; at the start of an
+episode it is the first one.
 """
 
 import math
@@ -25,7 +26,7 @@ from envs.replay import Recording, switchable
 from hardware.log import Log, check_names
 from sim2real.diagnosis.data.impedance import gear_of, laws_of, with_laws
 from sim2real.diagnosis.data.pairs import driven_by
-from sim2real.diagnosis.data.speeds import AROUND, speed_at
+from sim2real.diagnosis.data.speeds import AROUND, Motion, motion_at
 from sim2real.diagnosis.data.states import state_of
 from sim2real.runs.errors import Sim2RealError
 
@@ -177,7 +178,8 @@ def to_recording(log: Log, model: mujoco.MjModel, before: Columns | None = None)
             ctrl[:, i] = gear * log.column(f"ctrl.{name}")
             held[i] = gear * before[f"ctrl.{name}"][-1] if before else ctrl[0, i]
         on[:, i] = powered(log, name)
-    (qvel, _), start = start_speeds(log, model, before), log.time[0]
+    (moved, qvel, _), start = start_motion(log, model, before), log.time[0]
+    mujoco.mj_integratePos(model, qpos, moved, 1.0)
     law, act = laws_of(log, model), state_of(log, model)
     qpos, qvel = follow_couplings(model, qpos, qvel, positions(log, model).values())
     own = log.time - start, ctrl, qpos, qvel, on, held, read - start, law, act
@@ -262,27 +264,30 @@ def _stamps(columns: Columns, name: str) -> np.ndarray:
     return columns.get(f"stamp.{name}", of_joint)
 
 
-def start_speeds(
-    log: Log, model: mujoco.MjModel, before: Columns | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the velocity at the first row of a log and its standard deviation, (nv,) each.
+def start_motion(log: Log, model: mujoco.MjModel, before: Columns | None) -> Motion:
+    """Return the motion when the first row of a log begins, (nv,) each.
 
-    It is sure where it was logged, and where nothing says anything of it: at an episode's start.
-    The columns before are those of `to_recording`.
+    Joints that were read at another time have moved since. The velocity is sure where it was
+    logged, and where nothing says anything of it: at an episode's start. The columns before are
+    those of `to_recording`.
     """
-    qvel, unsure = np.zeros((2, model.nv))
+    found = Motion(*np.zeros((3, model.nv)))
     for i in range(model.njnt):
         positions, speeds = columns_of(model, i)
         own = slice(int(model.jnt_dofadr[i]), int(model.jnt_dofadr[i]) + len(speeds))
+        after = log.time[0] - _stamps(log.columns, positions[0])[0]
         if all(f"qvel.{name}" in log.columns for name in speeds):
-            qvel[own] = [log.column(f"qvel.{name}")[0] for name in speeds]
+            found.speed[own] = [log.column(f"qvel.{name}")[0] for name in speeds]
+            found.moved[own] = found.speed[own] * after
         elif before is not None and all(f"qpos.{name}" in log.columns for name in positions):
             row = len(before.get("time", ()))
             parts = [before, log.columns] if row else [log.columns]
             time = np.concatenate([_stamps(part, positions[0]) for part in parts])
             values = [np.concatenate([p[f"qpos.{n}"] for p in parts]) for n in positions]
-            qvel[own], unsure[own] = speed_at(time, np.column_stack(values), row, late_by(model))
-    return qvel, unsure
+            motion = motion_at(time, np.column_stack(values), row, after, late_by(model))
+            for whole, part in zip(found, motion, strict=True):
+                whole[own] = part
+    return found
 
 
 def late_by(model: mujoco.MjModel) -> float:

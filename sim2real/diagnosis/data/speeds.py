@@ -1,6 +1,6 @@
-"""The speed at a start, from the readings around it, and how unsure it is.
+"""The motion at a start, from the readings around it, and how unsure it is.
 
-    speed, unsure = speed_at(time, values, row, late)
+    moved, speed, unsure = motion_at(time, values, row, after, late)
 
 Readings are a Taylor polynomial of third degree and white noise. How large accelerations and jerks
 are is seen in the readings around: the mean square of their second and third differences, less what
@@ -10,6 +10,7 @@ coefficients the polynomial is a Bayesian linear regression (Rasmussen and Willi
 """
 
 from math import comb, factorial
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -23,21 +24,27 @@ NOISY = 4  # order of differences that are noise's
 QUATERNION = 4
 
 
-def speed_at(
-    time: np.ndarray, values: np.ndarray, row: int, late: float = 0.0
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return a joint's velocity in a row as the engine counts it, and its standard deviation.
+class Motion(NamedTuple):
+    """How joints move at a moment near to their readings, (V,) each."""
+
+    moved: np.ndarray  # since the reading [m or rad]
+    speed: np.ndarray  # m/s or rad/s
+    unsure: np.ndarray  # the standard deviation of speed
+
+
+def motion_at(
+    time: np.ndarray, values: np.ndarray, row: int, after: float = 0.0, late: float = 0.0
+) -> Motion:
+    """Return a joint's motion as the engine counts it; V is 1, 3 or 6.
 
     That of a free or ball joint is measured from its orientation in that row, in its own frame.
 
     Args:
         time: of the readings [s], (n,).
         values: of the joint, (n, D): a position, or a pose whose quaternion comes last.
-        row: in which the velocity is asked for.
+        row: of the reading.
+        after: the moment that is asked for, since that reading [s].
         late: how long before its positions a model's velocities are those of its motion [s].
-
-    Returns:
-        Both of shape (V,), V being 1, 3 or 6.
     """
     some = slice(max(row - AROUND, 0), row + AROUND + 1)
     step = max(float(np.median(np.diff(time[some]))), TINY)
@@ -51,8 +58,10 @@ def speed_at(
     prior = np.stack([free, free, *((noise + TINY**2) / (own + TINY**2) for own in scales)], axis=1)
     inverse = np.linalg.inv(terms.T @ terms + prior[:, None] * np.eye(prior.shape[1]))
     found = np.einsum("vab,nb,nv->va", inverse, terms, readings)
-    speed = found[:, 1] / step - found[:, 2] / step**2 * late
-    return speed, np.sqrt(noise * inverse[:, 1, 1]) / step
+    speed, bend = found[:, 1] / step, found[:, 2] / step**2
+    moved = speed * after + bend * after**2 / 2
+    unsure = np.sqrt(noise * inverse[:, 1, 1]) / step
+    return Motion(moved, speed + bend * (after - late), unsure)
 
 
 def _variances(moved: np.ndarray) -> list[np.ndarray]:

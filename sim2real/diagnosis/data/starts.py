@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.data.recording import rows_before, start_speeds
+from sim2real.diagnosis.data.recording import rows_before, start_motion
 from sim2real.diagnosis.data.speeds import NEAR
 from sim2real.diagnosis.data.windows import Window
 
@@ -47,5 +47,4 @@ def start_errors(data: Data, window: Window) -> np.ndarray:
     """Return the standard deviations of a window's speeds at its start [rad/s or m/s], (M,)."""
     log, model = data.logs[window.log], data.models[window.model]
     part, before = log.rows(window.start, window.last), rows_before(log, window.start)
-    _, unsure = start_speeds(part, model, before)
-    return speeds_at(data, model, unsure)
+    return speeds_at(data, model, start_motion(part, model, before).unsure)

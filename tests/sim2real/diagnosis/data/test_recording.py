@@ -25,6 +25,11 @@ THROWN = """
 <geom type="capsule" fromto="0 0 0 0 0 -.1" size=".01" mass="0.1"/></body></body></worldbody>
 <actuator><position name="leg" joint="leg" kp="2" kv="0.05"/></actuator></mujoco>
 """
+SWING = """
+<mujoco><option timestep="0.02" integrator="{integrator}"/><worldbody><body>
+<joint name="a" axis="0 1 0"/><geom size="0.05" pos="0 0 -0.5" mass="1"/></body></worldbody>
+<actuator><motor name="a" joint="a"/></actuator></mujoco>
+"""
 ROW = 57  # of a start in mid-motion
 
 
@@ -113,14 +118,25 @@ def test_a_start_has_the_speeds_that_were_logged(log: Log, model: mujoco.MjModel
         assert found.tolist() == [column[row] for column in speeds.values()]
 
 
+@pytest.mark.parametrize("later", [-0.006, 0.006])
+def test_a_start_is_where_the_joint_was_when_its_row_began(later: float) -> None:
+    """Not where it was when it was read, 6 ms before or after: it moves up to 36 mrad meanwhile."""
+    model = mujoco.MjModel.from_xml_string(SWING.format(integrator="RK4"))
+    time, pulse = 0.02 * np.arange(100), 6.0
+    for qvel in ({}, {"qvel.a": pulse * np.cos(pulse * (time + later))}):
+        columns = {"episode": 0 * time, "time": time, "ctrl.a": 0 * time, "stamp.a": time + later}
+        log = Log({**columns, "qpos.a": np.sin(pulse * (time + later)), **qvel})
+        for row in range(20, 80):
+            start = to_recording(log.rows(row, 99), model, rows_before(log, row))
+            assert start.qpos[0] == pytest.approx(np.sin(pulse * time[row]), abs=1e-3)
+            if not qvel:
+                assert start.qvel[0] == pytest.approx(pulse * np.cos(pulse * time[row]), abs=0.15)
+
+
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast", "RK4"])
 def test_a_start_s_speed_is_that_of_the_engine(integrator: str) -> None:
     """Half a step behind the motion, where positions move with a step's last velocity."""
-    model = mujoco.MjModel.from_xml_string(
-        f'<mujoco><option timestep="0.02" integrator="{integrator}"/><worldbody><body>'
-        '<joint name="a" axis="0 1 0"/><geom size="0.05" pos="0 0 -0.5" mass="1"/></body>'
-        '</worldbody><actuator><motor name="a" joint="a"/></actuator></mujoco>'
-    )
+    model = mujoco.MjModel.from_xml_string(SWING.format(integrator=integrator))
     data, states = mujoco.MjData(model), []
     data.qpos[0] = 1.5
     for _ in range(60):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim2real.diagnosis.data.speeds import NEAR, speed_at
+from sim2real.diagnosis.data.speeds import NEAR, motion_at
 
 STEP = 0.02  # s
 TIME = STEP * np.arange(200)
@@ -19,7 +19,7 @@ def errors(hertz: float, size: float) -> tuple[np.ndarray, np.ndarray]:
     for _ in range(5):
         swing = size * np.sin(pulse * TIME) + rng.normal(0.0, NOISE, len(TIME))
         for row in ROWS:
-            (speed,), (unsure,) = speed_at(TIME, swing[:, None], row)
+            _, (speed,), (unsure,) = motion_at(TIME, swing[:, None], row)
             off.append((speed - size * pulse * np.cos(pulse * TIME[row]), unsure))
     speed, unsure = np.array(off).T
     return speed, unsure
@@ -38,9 +38,20 @@ def test_noise_is_averaged_and_a_fast_swing_is_followed(
     assert 0.3 < np.sqrt(np.mean((off / unsure) ** 2)) < 1.3
 
 
+@pytest.mark.parametrize("after", [-0.008, 0.0, 0.01])
+def test_a_swing_goes_on_between_readings(after: float) -> None:
+    """By its speed and acceleration, whose change is left out: 4e-5 rad and 0.012 rad/s here."""
+    pulse, row = 2 * np.pi * 1.0, 100
+    (moved,), (speed,), _ = motion_at(TIME, np.sin(pulse * TIME)[:, None], row, after)
+    assert moved == pytest.approx(
+        np.sin(pulse * (TIME[row] + after)) - np.sin(pulse * TIME[row]), abs=2e-4
+    )
+    assert speed == pytest.approx(pulse * np.cos(pulse * (TIME[row] + after)), abs=3e-2)
+
+
 def test_a_joint_that_rests_has_no_speed() -> None:
     """And is sure of it."""
-    speed, unsure = speed_at(TIME, np.full((len(TIME), 1), 0.3), 100)
+    _, speed, unsure = motion_at(TIME, np.full((len(TIME), 1), 0.3), 100)
     assert speed == pytest.approx([0.0]) and unsure == pytest.approx([0.0])
 
 
@@ -48,14 +59,14 @@ def test_a_missing_reading_does_not_pass_for_a_jerk() -> None:
     """One reading that is off counts as noise."""
     slow = 0.1 * TIME
     slow[90] += 0.01
-    (speed,), (unsure,) = speed_at(TIME, slow[:, None], 100)
+    _, (speed,), (unsure,) = motion_at(TIME, slow[:, None], 100)
     assert speed == pytest.approx(0.1, abs=unsure)
 
 
 def test_few_readings_tell_what_they_can() -> None:
     """Two or three rows have a slope."""
     for rows in (2, 3):
-        speed, _ = speed_at(TIME[:rows], 0.5 * TIME[:rows, None], 0)
+        _, speed, _ = motion_at(TIME[:rows], 0.5 * TIME[:rows, None], 0)
         assert speed == pytest.approx([0.5])
 
 
@@ -69,5 +80,5 @@ def test_a_base_turns_in_its_own_frame() -> None:
         c, s = np.cos(angle / 2), np.sin(angle / 2)
         own = [w * c - x * s, x * c + w * s, y * c + z * s, z * c - y * s]
         poses.append([0.2 * TIME[k], 0.0, 0.0, *own])
-    speed, _ = speed_at(TIME, np.array(poses), 100)
+    _, speed, _ = motion_at(TIME, np.array(poses), 100)
     assert speed == pytest.approx([0.2, 0, 0, 3.0, 0, 0], abs=1e-6)
