@@ -279,6 +279,18 @@ class Judge:
             best, pruned = self.choose(tried), pruned.union(longer)
         return best
 
+    def _swap(self, best: Fit, tried: dict[str, Fit]) -> Fit:
+        """Return the best, once nothing that does about the same as one of its members is better.
+
+        Beside a new member the others are compared anew: what comes first depends on the rest.
+        """
+        seen = {self.given.label}
+        while best.label not in seen:
+            seen.add(best.label)
+            self.search.swap(best, tried)
+            best = self._prune(tried, self.search.quick)
+        return best
+
     def _conclude(self, tried: dict[str, Fit], excluded: Sequence[Start] = ()) -> Judgement:
         """Return the judgement, with starts and usual errors as they are under the answer.
 
@@ -287,9 +299,8 @@ class Judge:
             excluded: changes that explain nothing, but may do as well as the answer.
         """
         best, imitators = self._prune(tried, self.search.quick), []
+        best = self._swap(best, tried)
         if best.hypothesis.members:
-            self.search.swap(best, tried)
-            best = self._prune(tried, self.search.quick)
             if excluded:
                 imitators = self.search.imitate(self.search.anchor(best, tried), excluded)
             del self.search  # its likelihoods are large, and another one follows

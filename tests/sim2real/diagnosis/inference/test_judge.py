@@ -341,6 +341,27 @@ def test_an_explanation_that_is_right_but_for_a_member_is_pruned(tmp_path: Path)
     assert judge._prune(tried, judge.fitter).label == true.label
 
 
+def test_members_are_compared_with_what_is_like_them_until_none_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What replaces one has others that do about the same."""
+    judge = Judge(arm.data_of(arm.make_log(FRICTION, seconds=4.0, noise=NOISE), tmp_path))
+    members = {m.label: m for m in Vocabulary(judge.data).members}
+    judge.choices = len(members)
+    names = ("position_gain.b", "viscous_friction.b", "coulomb_friction.b")
+    first, *better = [fit_of(judge, members[name], 1.0 + k) for k, name in enumerate(names)]
+    tried, asked = {fit.label: fit for fit in (judge.given, first)}, list[str]()
+
+    def swap(best: Fit, tried: dict[str, Fit]) -> None:
+        asked.append(best.label)
+        tried.update({fit.label: fit for fit in better[len(asked) - 1 :][:1]})
+
+    monkeypatch.setattr(judge.search, "swap", swap)
+    assert judge._swap(first, tried).label == names[-1]
+    assert asked == list(names)
+    assert judge._swap(judge.given, tried) is judge.given and len(asked) == len(names)
+
+
 def test_before_the_search_ends_the_best_is_fitted_in_the_models_own_steps(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
