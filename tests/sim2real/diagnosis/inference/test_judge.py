@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from hardware.log import Log
-from sim2real.diagnosis.inference import search as searching
 from sim2real.diagnosis.inference.fit import Fit, Start
 from sim2real.diagnosis.inference.glance import NONE
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
@@ -224,35 +223,6 @@ def test_a_fit_is_known_to_what_ends_it(nats: float, robot: bool, tmp_path: Path
     least = judge.price(Hypothesis((effect,))) + 0.01
     fits = [fit_of(judge, effect, least), fit_of(judge, mistake, least + nats / judge.rows)]
     assert judge.choose({fit.label: fit for fit in fits}) is fits[0 if robot else 1]
-
-
-@pytest.mark.parametrize(
-    ("gain", "gap", "every"), [(0.0, True, True), (0.0, False, False), (1e6, True, False)]
-)
-def test_where_no_slope_promises_anything_every_change_is_fitted(
-    gain: float, gap: bool, every: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Else as many as promise most, also without a gap; a stop that none reaches has no slope."""
-    data = arm.data_of(arm.make_log(FRICTION, noise=NOISE), tmp_path)
-    judge, vocabulary = Judge(data), Vocabulary(data, only=PROPOSED)
-    search = judge.search
-    search.settings = replace(judge.settings, refits=2, alike=0)
-    judge.choices, asked = len(vocabulary.members), []
-    lines = searching.trace_lines
-    monkeypatch.setattr(
-        searching,
-        "trace_lines",
-        lambda *about: [line._replace(gain=gain) for line in lines(*about)],
-    )
-
-    def note(starts: Sequence[Start], tried: dict[str, Fit]) -> None:
-        asked.append(len({start.hypothesis.label for start in starts}))
-
-    monkeypatch.setattr(search, "_fit", note)
-    monkeypatch.setattr(judge, "explains", lambda fit: not gap)
-    starts = vocabulary.list_starts(judge.replay_errors(judge.given), list(arm.JOINTS))
-    search.refine(judge.given, starts, {})
-    assert asked[0] == (len(PROPOSED) if every else 2)
 
 
 def test_the_search_ends_where_no_longer_explanation_wins(
