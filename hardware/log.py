@@ -148,7 +148,7 @@ class Log:
             yield self.rows(first, last)
 
     def rows(self, first: int, last: int) -> Log:
-        """Return rows `first` to `last` (exclusive); what is right of all holds for a part."""
+        """Return rows `first` to `last` (exclusive): views, which are not checked again."""
         part = copy(self)
         columns = {name: values[first:last] for name, values in self.columns.items()}
         object.__setattr__(part, "columns", columns)

@@ -73,9 +73,9 @@ class Motion(NamedTuple):
 
 
 def readings(times: np.ndarray, dt: float) -> InterpolationPoints:
-    """Return moments [s] on the clock of a simulation; none is before its start."""
-    at = np.maximum(times / dt, 0.0)
-    before = at.astype(int)
+    """Return moments [s] on the clock of a simulation; before its start it moved as it begins."""
+    at = times / dt
+    before = np.maximum(at, 0.0).astype(int)
     return InterpolationPoints(before, at - before)
 
 
