@@ -19,8 +19,8 @@ from sim2real.runs.tables import Table
 
 EXAMS = {  # by title: robots that MuJoCo moves, and robots that Drake moves
     "Since release 0.2.0": (
-        tuple(f"blindcheck_{seed}.csv" for seed in range(2057, 2069)),
-        tuple(f"thirdparty_{seed}.csv" for seed in range(61, 73)),
+        tuple(f"blindcheck_{seed}.csv" for seed in range(2057, 2070)),
+        tuple(f"thirdparty_{seed}.csv" for seed in range(61, 74)),
     ),
     "Release 0.2.0 and versions before it": (
         tuple(f"blindcheck_{seed}.csv" for seed in (2049, 2051, 2053, 2054, 2055, 2056)),
