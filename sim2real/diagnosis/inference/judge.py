@@ -33,7 +33,7 @@ from sim2real.diagnosis.inference.episodes import follows_episodes
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.glance import NONE
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
-from sim2real.diagnosis.inference.left import Left, measure_left
+from sim2real.diagnosis.inference.left import Left, find_open, measure_left
 from sim2real.diagnosis.inference.likelihood import Basis
 from sim2real.diagnosis.inference.moves import (
     is_part,
@@ -127,6 +127,17 @@ class Judge:
         Args:
             vocabulary: what it may be explained by.
         """
+        tried, excluded = self.find(vocabulary), list[Start]()
+        if vocabulary.excluded:
+            excluded = vocabulary.list_excluded(self.replay_errors(self.given))
+        return self.conclude(tried, excluded)
+
+    def find(self, vocabulary: Vocabulary) -> dict[str, Fit]:
+        """Return what was fitted in search of an explanation, by label; `choose` says which wins.
+
+        Args:
+            vocabulary: what the gap may be explained by.
+        """
         tried, self.choices = {self.given.label: self.given}, vocabulary.choices
         self._world = vocabulary.robot  # whether it may have pushed the robot
         best = self._begin([make_start(change) for change in vocabulary.shown], tried)
@@ -134,7 +145,8 @@ class Judge:
             added = f" in addition to {best.label}" if best.hypothesis.members else ""
             self.moving(f"looking at every change{added}", SHARES[len(best.hypothesis.members)])
             best = self.search.anchor(best, tried)
-            starts = vocabulary.list_starts(self.replay_errors(best), self._find_open(best))
+            joints = find_open(self.fitter, best, self.most)
+            starts = vocabulary.list_starts(self.replay_errors(best), joints)
             self.search.refine(best, starts, tried)
             self._judge_mended(tried)
             before, best = best, self.choose(tried)
@@ -145,10 +157,7 @@ class Judge:
             if len(best.hypothesis.members) <= len(before.hypothesis.members):
                 break
             best = self._renew(best, tried)
-        excluded: list[Start] = []
-        if vocabulary.excluded:
-            excluded = vocabulary.list_excluded(self.replay_errors(self.given))
-        return self._conclude(tried, excluded)
+        return tried
 
     def _begin(self, shown: Sequence[Start], tried: dict[str, Fit]) -> Fit:
         """Return what the search starts from: the log as given, or as its own columns say it is.
@@ -180,13 +189,6 @@ class Judge:
     def replay_errors(self, fit: Fit) -> np.ndarray:
         """Return the held-out errors of all rows, (W, T, M), of a fit."""
         return self.replayer.follow(fit.hypothesis, fit.values[1 - self.fold])[0]
-
-    def _find_open(self, fit: Fit) -> list[str]:
-        """Return the joints at which a fit's free discrepancy is larger than a count, or all."""
-        sizes = [self.fitter.likelihood.sizes[trained.size] for trained in fit.trained]
-        pairs = zip(self.data.joints, np.max(sizes, axis=0), self.most, strict=True)
-        found = [joint.name for joint, size, count in pairs if size > count]
-        return found or [joint.name for joint in self.data.joints]
 
     def explains(self, fit: Fit) -> bool:
         """Return whether a fit leaves nothing; see `Left`."""
@@ -291,7 +293,7 @@ class Judge:
             best = self._prune(tried, self.search.quick)
         return best
 
-    def _conclude(self, tried: dict[str, Fit], excluded: Sequence[Start] = ()) -> Judgement:
+    def conclude(self, tried: dict[str, Fit], excluded: Sequence[Start] = ()) -> Judgement:
         """Return the judgement, with starts and usual errors as they are under the answer.
 
         Args:
@@ -317,10 +319,9 @@ class Judge:
             pushes = find_pushes(self.fitter, best, self.excess(best), self.excess(self.given))
             verdict = "partly_explained" if pushes else verdict
         rivals = rank_fits([f for f in tried.values() if f is not best and f.hypothesis.members])
-        fits = [best, *rivals]
         chances, unknown = compute_posterior(
-            [(fit.total - self.given.total) / self.rows for fit in fits],
-            [self.price(fit.hypothesis) for fit in fits],
+            [(fit.total - self.given.total) / self.rows for fit in (best, *rivals)],
+            [self.price(fit.hypothesis) for fit in (best, *rivals)],
             left.gain.total * len(self.most),
             self.settings,
         )
@@ -396,5 +397,4 @@ class Judge:
     def _make(
         self, hypothesis: Hypothesis, values: np.ndarray
     ) -> tuple[Fitter, np.ndarray, np.ndarray]:
-        own = self.replayer, self.coarse, self.fold, hypothesis, values
-        return make_fitter(*own, self.basis)
+        return make_fitter(self.replayer, self.coarse, self.fold, hypothesis, values, self.basis)

@@ -74,3 +74,16 @@ def measure_left(
             worst = max(worst, one, key=lambda gain: gain.high)
     usual = all(map(fitter.likelihood.is_usual, fit.trained))
     return Left(total, worst, whole, closes, usual)
+
+
+def find_open(fitter: Fitter, fit: Fit, most: np.ndarray) -> list[str]:
+    """Return the joints at which a fit's free discrepancy is larger than a count, or all.
+
+    Args:
+        fitter: that made it.
+        fit: what is measured.
+        most: a count of each joint, in noises, (M,).
+    """
+    sizes = np.max([fitter.likelihood.sizes[trained.size] for trained in fit.trained], axis=0)
+    joints = [joint.name for joint in fitter.replayer.data.joints]
+    return [name for name, own in zip(joints, sizes > most, strict=True) if own] or joints

@@ -97,9 +97,9 @@ def _judge(
 def find_mistakes(data: Data, fixed: Sequence[Fixed] = ()) -> list[str]:
     """Return what to mend in a log whose own mistakes explain the gap.
 
-    It is a first look, at part of the windows; where they show no gap, it ends there. A robot that
-    differs from its model is seldom explained by a mistake in the log, and what mistakes explain in
-    part may be the robot's: it is left to a diagnosis.
+    It is a first look, at part of the windows. It ends where they show no gap, or none that one
+    mistake closes: a robot that differs from its model is seldom explained by a mistake in the log,
+    and what mistakes explain in part may be the robot's. That is left to a diagnosis.
 
     Args:
         data: the windows.
@@ -114,7 +114,10 @@ def find_mistakes(data: Data, fixed: Sequence[Fixed] = ()) -> list[str]:
     judge = Judge(data, fixed)
     if judge.explains(judge.given):
         return []
-    judgement = judge.judge(Vocabulary(data, robot=False))
+    tried = judge.find(Vocabulary(data, robot=False))
+    if not judge.is_enough(judge.choose(tried)):
+        return []
+    judgement = judge.conclude(tried)
     if judgement.verdict != "explained":
         return []
     best = judgement.best

@@ -245,8 +245,7 @@ def test_the_search_ends_where_no_longer_explanation_wins(
 
     monkeypatch.setattr(judge.search, "refine", refine)
     monkeypatch.setattr(judge, "choose", choose)
-    monkeypatch.setattr(judge, "_conclude", lambda tried, excluded: None)
-    judge.judge(vocabulary)
+    judge.find(vocabulary)
     assert len(refined) == 2 and refined[0] == judge.given.label
 
 

@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -14,6 +13,7 @@ from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.diagnose import run_diagnosis
 from sim2real.diagnosis.inference import judge, search
 from sim2real.diagnosis.inference.run import FEWEST, find_mistakes
+from sim2real.diagnosis.inference.vocabulary import Vocabulary
 from sim2real.diagnosis.outcome import final_message, write
 from tests.sim2real.diagnosis import arm
 
@@ -65,15 +65,32 @@ def test_a_first_look_at_a_log_without_a_gap_tries_no_mistake(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """There is nothing to mend."""
-    monkeypatch.setattr(judge.Judge, "judge", _refuse)
+    monkeypatch.setattr(judge.Judge, "find", _refuse)
     assert find_mistakes(Data.of([arm.make_log(noise=3e-4)], arm.model(tmp_path))) == []
 
 
-@pytest.mark.parametrize(("place", "name"), [(judge, "find_pushes"), (search, "pick_pairs")])
-def test_a_first_look_seeks_one_mistake(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: ModuleType, name: str
+def test_a_first_look_ends_where_no_mistake_closes_the_gap(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A push is no mistake of the log, and of two mistakes a diagnosis finds both."""
-    monkeypatch.setattr(place, name, _refuse)
+    """Nothing is compared with what does not explain it."""
+    monkeypatch.setattr(judge.Judge, "conclude", _refuse)
     log = arm.make_log(("coulomb_friction", {"where": "b"}, 0.12), noise=3e-4)
     assert find_mistakes(Data.of([log], arm.model(tmp_path))) == []
+
+
+def test_a_first_look_seeks_one_mistake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two a diagnosis finds both."""
+    monkeypatch.setattr(search, "pick_pairs", _refuse)
+    log = arm.make_log(("coulomb_friction", {"where": "b"}, 0.12), noise=3e-4)
+    assert find_mistakes(Data.of([log], arm.model(tmp_path))) == []
+
+
+def test_pushes_are_not_sought_where_the_robot_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are no mistake of the log."""
+    monkeypatch.setattr(judge, "find_pushes", _refuse)
+    log = arm.make_log(("coulomb_friction", {"where": "b"}, 0.12), noise=3e-4)
+    data = Data.of([log], arm.model(tmp_path))
+    first = judge.Judge(data)
+    assert first.conclude(first.find(Vocabulary(data, robot=False))).verdict != "explained"
