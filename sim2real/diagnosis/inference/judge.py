@@ -297,7 +297,7 @@ class Judge:
         """Return the judgement, with starts and usual errors as they are under the answer.
 
         Args:
-            tried: what was fitted.
+            tried: what `find` returned; concluded once, since the search's memory is freed.
             excluded: changes that explain nothing, but may do as well as the answer.
         """
         best, imitators = self._prune(tried, self.search.quick), []
