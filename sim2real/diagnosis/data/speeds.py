@@ -9,6 +9,7 @@ coefficients the polynomial is a Bayesian linear regression (Rasmussen and Willi
 2.1): slow motion is averaged as by a line, and fast motion is followed.
 """
 
+from functools import lru_cache
 from math import comb, factorial
 from typing import NamedTuple
 
@@ -22,6 +23,7 @@ AROUND = 50  # rows on either side that show how large accelerations and jerks a
 MOVING = 2, 3  # orders of differences: acceleration and jerk
 NOISY = 4  # order of differences that are noise's
 QUATERNION = 4
+KEPT = 4096  # regressions that are kept
 
 
 class Motion(NamedTuple):
@@ -46,22 +48,33 @@ def motion_at(
         after: the moment that is asked for, since that reading [s].
         late: how long before its positions a model's velocities are those of its motion [s].
     """
-    some = slice(max(row - AROUND, 0), row + AROUND + 1)
-    step = max(float(np.median(np.diff(time[some]))), TINY)
-    moved = _relative(values[some][:-1], values[some][1:])
+    first = max(row - AROUND, 0)
+    own = (np.ascontiguousarray(part[first : row + AROUND + 1], float) for part in (time, values))
+    speed, bend, unsure = _regress(*(part.tobytes() for part in own), row - first)
+    moved = speed * after + bend * after**2 / 2
+    return Motion(moved, speed + bend * (after - late), unsure)
+
+
+@lru_cache(KEPT)
+def _regress(time: bytes, values: bytes, row: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return speed, acceleration and how unsure the speed is, (V,) each, of readings around a row.
+
+    Windows are cut anew from each mended log, whose other columns are the same.
+    """
+    times = np.frombuffer(time)
+    places = np.frombuffer(values).reshape(len(times), -1)
+    step = max(float(np.median(np.diff(times))), TINY)
+    moved = _relative(places[:-1], places[1:])
     noise, *scales = _variances(moved)  # (V,) each, of a row's step
     near = slice(max(row - NEAR, 0), row + NEAR + 1)
-    since = (time[near] - time[row]) / step
-    readings = _relative(np.broadcast_to(values[row], values[near].shape), values[near])
+    since = (times[near] - times[row]) / step
+    readings = _relative(np.broadcast_to(places[row], places[near].shape), places[near])
     terms = np.stack([since**k / factorial(k) for k in range(NOISY)], axis=1)
     free = np.zeros_like(noise)
     prior = np.stack([free, free, *((noise + TINY**2) / (own + TINY**2) for own in scales)], axis=1)
     inverse = np.linalg.inv(terms.T @ terms + prior[:, None] * np.eye(prior.shape[1]))
     found = np.einsum("vab,nb,nv->va", inverse, terms, readings)
-    speed, bend = found[:, 1] / step, found[:, 2] / step**2
-    moved = speed * after + bend * after**2 / 2
-    unsure = np.sqrt(noise * inverse[:, 1, 1]) / step
-    return Motion(moved, speed + bend * (after - late), unsure)
+    return found[:, 1] / step, found[:, 2] / step**2, np.sqrt(noise * inverse[:, 1, 1]) / step
 
 
 def _variances(moved: np.ndarray) -> list[np.ndarray]:

@@ -28,7 +28,7 @@ integrated out by the matrix inversion lemma, L within each window and C over al
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import reduce
 from itertools import accumulate, product
 from typing import Any, NamedTuple
@@ -86,7 +86,7 @@ class Projection(NamedTuple):
 
     turned: np.ndarray  # (T, M, W, N) in the bases of the correlation times
     cross: np.ndarray  # (T, S, M, W, D) directions' products with the whitened errors
-    known: np.ndarray  # (T, S, M) of which these are computed: few are asked for
+    known: set[int]  # flat indices (T, S, M) of which these are computed: few are asked for
     square: np.ndarray  # (T, S, M, W) square of the whitened errors, and the log determinant
 
 
@@ -141,7 +141,7 @@ class Likelihood:
         self._turned = self._turn(np.where(used[..., None, None], directions, 0.0))
         count = directions.shape[-1]
         self._gram = np.empty((*self._inverse.shape[:-1], count, count))  # (T, S, M, W, D, D)
-        self._known = np.zeros(self._inverse.shape[:3], bool)  # of which it is computed: few
+        self._known = set[int]()  # flat indices (T, S, M) of which it is computed: few
 
     def _turn(self, values: np.ndarray) -> np.ndarray:
         """Return values (W, N, M, ...) in the bases of all correlation times, (T, M, W, N, ...)."""
@@ -154,7 +154,7 @@ class Likelihood:
         turned = self._turn(np.where(self.used[..., None], errors, 0.0))  # (T, M, W, N)
         square = np.einsum("tsmwn,tmwn->tsmw", self._inverse, turned**2) + self._log_det
         cross = np.empty((*square.shape, self._gram.shape[-1]))
-        return Projection(turned, cross, np.zeros_like(self._known), square)
+        return Projection(turned, cross, set(), square)
 
     def train(
         self,
@@ -192,13 +192,10 @@ class Likelihood:
         A window's own scale is unknown beforehand and integrated out; see `train` for `sizes`.
         """
         ends = self._find_ends(sizes)
-        every = np.arange(len(self.used))
-        densities = []
-        for k, weight in enumerate(self.log_prior):
-            same = np.full(len(every), k)
-            own = self._whole(projection, every, ends, trained.time, trained.size, same)
-            densities.append(weight + predict_each(own, trained.mean, trained.precision))
-        return np.logaddexp.reduce(densities)
+        every, each = np.arange(len(self.used)), np.arange(len(SHIFTS))[:, None]
+        own = self._whole(projection, every, ends, trained.time, trained.size, each)
+        found = predict_each(own, trained.mean, trained.precision)  # (K, W)
+        return np.logaddexp.reduce(self.log_prior[:, None] + found)
 
     def charge(self, trained: Trained) -> np.ndarray:
         """Return what the common errors of a half cost by their prior, dealt to rows, (W,) nats.
@@ -305,14 +302,21 @@ class Likelihood:
 
     def _products(self, projection: Projection, cell: Any) -> Products:
         """Return the products at times, sizes, joints and windows."""
-        for one in _list_new(self._known, cell[:3]):
+        for one in self._list_new(self._known, *cell[:3]):
             turned = self._turned[one[0], one[2]]  # (W, N, D)
             self._gram[one] = (turned * self._inverse[one][..., None]).mT @ turned
-        for one in _list_new(projection.known, cell[:3]):
+        for one in self._list_new(projection.known, *cell[:3]):
             weighed = self._inverse[one] * projection.turned[one[0], one[2]]  # (W, N)
             directions = self._turned[one[0], one[2]]
             projection.cross[one] = (weighed[:, None] @ directions)[:, 0]
         return Products(self._gram[cell], projection.cross[cell], projection.square[cell])
+
+    def _list_new(self, known: set[int], time: Any, size: Any, joint: int) -> list[tuple[Any, ...]]:
+        """Return which of some cells are not known yet; from then on they are."""
+        shape = self._inverse.shape[:3]
+        new = set(np.ravel((time * shape[1] + size) * shape[2] + joint).tolist()) - known
+        known |= new
+        return [np.unravel_index(one, shape) for one in new]
 
     def _begin(
         self, projection: Projection, windows: np.ndarray, ends: np.ndarray, near: Trained | None
@@ -366,11 +370,9 @@ class Likelihood:
         """Give each window the scale that fits it best, the common errors as they are, in place."""
         time, size, shift = state
         _, mean, _ = condense(self._whole(projection, windows, ends, time, size, shift[windows]))
-        found = []
-        for k, weight in enumerate(self.log_prior):
-            same = np.full(len(windows), k)
-            own = self._whole(projection, windows, ends, time, size, same)
-            found.append(weight - HALF * (own.square + compute_pull(own, mean)))
+        each = np.arange(len(SHIFTS))[:, None]
+        own = self._whole(projection, windows, ends, time, size, each)  # (K, n)
+        found = self.log_prior[:, None] - HALF * (own.square + compute_pull(own, mean))
         shift[windows] = np.argmax(found, axis=0)
 
 
@@ -382,15 +384,6 @@ def _log_shifts(freedom: float) -> np.ndarray:
     edges = 2.0 ** (SHIFTS[:-1] + 1 / 2)
     below = gammaincc(freedom / 2, freedom / 2 / edges**2)
     return np.log(np.diff([0.0, *below, 1.0]))
-
-
-def _list_new(known: np.ndarray, cells: Any) -> Iterator[tuple[int, ...]]:
-    """Yield which of some cells are not known yet, each once; from then on they are."""
-    new = ~known[cells]
-    if new.any():
-        asked = np.stack(np.broadcast_arrays(*cells), axis=-1)[new]  # (c, 3)
-        known[tuple(asked.T)] = True
-        yield from map(tuple, np.unique(asked, axis=0))
 
 
 def _list_near(time: int, size: int, last: int, ends: np.ndarray) -> list[tuple[int, int]]:

@@ -63,7 +63,7 @@ def condense(of: Products) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def predict_each(of: Products, mean: np.ndarray, precision: np.ndarray) -> np.ndarray:
-    """Return the log density of each window under the common errors' posterior, (n,)."""
+    """Return the log density of each window under the common errors' posterior, (..., n)."""
     pull = of.cross - of.gram @ mean
     both, prior = np.linalg.cholesky(precision + of.gram), np.linalg.cholesky(precision)
     along = np.linalg.solve(both, pull[..., None])[..., 0]
@@ -72,8 +72,8 @@ def predict_each(of: Products, mean: np.ndarray, precision: np.ndarray) -> np.nd
 
 
 def compute_pull(of: Products, mean: np.ndarray) -> np.ndarray:
-    """Return what common errors of some mean add to the squares, (n,)."""
-    return np.einsum("u,nuv,v->n", mean, of.gram, mean) - 2 * of.cross @ mean
+    """Return what common errors of some mean add to the squares, (..., n)."""
+    return np.einsum("u,...uv,v->...", mean, of.gram, mean) - 2 * of.cross @ mean
 
 
 def _solved(matrix: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
