@@ -131,7 +131,8 @@ def report_json() -> str:
         "# report.json",
         f"Schema {schema.SCHEMA}, generated from `sim2real/diagnosis/schema.py`. Reports of schema"
         f" {' and '.join(map(str, schema.READ[:-1]))} can be read. Numbers have six significant"
-        " digits; non-finite numbers are `null`. `Report.from_json` reads a report.",
+        " digits; non-finite numbers are `null`. `Report.from_json(json.load(file))`"
+        " returns a report.",
     ]
     for kind in REPORT:
         lines = [(f"`{name}`", of, about) for name, of, about in _fields(kind)]

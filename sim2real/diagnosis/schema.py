@@ -93,8 +93,7 @@ class Equivalent:
     """An effect that the data cannot distinguish from a cause.
 
     Args:
-        inseparable: whether no recording of commands and positions can distinguish it from the
-            cause or from another equivalent.
+        inseparable: whether the predictions of both agree within 1 % on these recordings.
     """
 
     effect: str  # name of the effect
@@ -117,7 +116,8 @@ class Cause:
         unit: SI unit; "" for a factor.
         extra: further parameters and options of the effect, and the `body` on which it acts.
         confidence: probability that this effect, or an equivalent, exists at this location.
-        closed: fraction of the closable gap that it closes (Shapley value among all causes).
+        closed: fraction of the closable gap that it closes (causes share it in
+            proportion to the score that is lost without each).
         form: `holds`; in older reports also `contradicted`: it improves only some held-out rows.
         equivalent: effects that the data cannot distinguish from it, at most two.
         shared: whether one value holds for all joints or actuators.
