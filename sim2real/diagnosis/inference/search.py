@@ -164,7 +164,7 @@ class Search:
         )
         for rest in parts:
             alike = pick_alike(self.glance, own, rest, self.lines, self.settings.alike)
-            self._fit(alike, tried)
+            self._fit_alike(alike, tried)
         others = [line.member for line in self.lines]
         simpler = [start for place in every for start in list_simpler(best, place, others)]
         keep_better(self.quick.fit([restart(best), *simpler]), tried)
@@ -183,11 +183,21 @@ class Search:
         )
         lines = trace_lines(self.glance, given, excluded)
         for rest in {fit.label: fit for fit in [*parts, given]}.values():
-            self._fit(pick_alike(self.glance, own, rest, lines, self.settings.alike), found)
+            alike = pick_alike(self.glance, own, rest, lines, self.settings.alike)
+            self._fit_alike(alike, found)
         members = [start.hypothesis.members[0] for start in excluded]
         simpler = [start for place in every for start in list_simpler(best, place, members)]
         keep_better(self.quick.fit(simpler), found)
         return list(found.values())
+
+    def _fit_alike(self, starts: Sequence[Start], tried: dict[str, Fit]) -> None:
+        """Fit what mends the log and what leaves it as it is into what was tried.
+
+        Windows of another log start elsewhere: the unknowns around one say little of the other, so
+        that neither may take the other's place.
+        """
+        for mends in (False, True):
+            self._fit([one for one in starts if bool(one.hypothesis.mended) == mends], tried)
 
     def _fit(self, starts: Sequence[Start], tried: dict[str, Fit]) -> None:
         """Fit starts into what was tried: at a glance, and the better half of each size fully."""
