@@ -226,6 +226,7 @@ class MjData:
     qfrc_applied: _Floats
     qfrc_bias: _Floats
     qfrc_damper: _Floats
+    qfrc_inverse: _Floats
     qfrc_passive: _Floats
     qfrc_smooth: _Floats
     qpos: _Floats

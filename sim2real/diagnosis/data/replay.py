@@ -24,7 +24,8 @@ from envs.replay import DivergedError
 from hardware.log import Log
 from sim2real.diagnosis.data.impedance import impedance_of
 from sim2real.diagnosis.data.pairs import name_of
-from sim2real.diagnosis.data.recording import as_recorded, check_log, positions, to_recording
+from sim2real.diagnosis.data.poses import positions
+from sim2real.diagnosis.data.recording import as_recorded, check_log, to_recording
 from sim2real.diagnosis.data.refuse import refuse_clock
 from sim2real.diagnosis.data.trial import trial
 from sim2real.runs.errors import Sim2RealError

@@ -5,13 +5,12 @@
 
 No log has these columns; its commands imply them (MuJoCo, "Actuation model"):
 
-* an integrator (`intvelocity`) adds commands up, from where its joint stood: act' = ctrl;
+* an integrator (`intvelocity`) adds commands up, from where it held its joint: act' = ctrl;
 * a filter follows them: act' = (ctrl - act) / τ, from the first command on.
 
 What depends on more than commands (muscles, DC motors, one's own) is refused by name.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import mujoco
@@ -19,6 +18,7 @@ import numpy as np
 
 from hardware.log import Log
 from sim2real.diagnosis.data.pairs import driven_by
+from sim2real.diagnosis.data.poses import follow_couplings, home, positions
 from sim2real.runs.errors import Sim2RealError
 
 INTEGRATOR = int(mujoco.mjtDyn.mjDYN_INTEGRATOR)
@@ -33,7 +33,7 @@ def with_states(log: Log, model: mujoco.MjModel) -> Log:
         Sim2RealError: an actuator whose state a log does not imply.
     """
     columns = {
-        name: np.concatenate([_path(part.columns, model, i) for part in log.episodes()])
+        name: np.concatenate([_path(part, model, i) for part in log.episodes()])
         for i, name in stateful(model).items()
     }
     return replace(log, columns={**log.columns, **columns}) if columns else log
@@ -65,22 +65,17 @@ def stateful(model: mujoco.MjModel) -> dict[int, str]:
     return {i: f"act.{model.actuator(i).name}" for i in found}
 
 
-def _path(columns: Mapping[str, np.ndarray], model: mujoco.MjModel, index: int) -> np.ndarray:
-    """Return the state of an actuator in each row of an episode, (T,).
-
-    An integrator begins at its joint's position, times its gear.
-    """
-    name, time = model.actuator(index).name, columns["time"]
-    ctrl = columns.get(f"ctrl.{name}", np.zeros(len(time)))
+def _path(log: Log, model: mujoco.MjModel, index: int) -> np.ndarray:
+    """Return the state of an actuator in each row of an episode, (T,)."""
+    name, time = model.actuator(index).name, log.time
+    ctrl = log.columns.get(f"ctrl.{name}", np.zeros(len(time)))
     if model.actuator_ctrllimited[index]:
         ctrl = np.clip(ctrl, *model.actuator_ctrlrange[index])
     low, high = -np.inf, np.inf
     if model.actuator_actlimited[index]:
         low, high = map(float, model.actuator_actrange[index])
     if model.actuator_dyntype[index] == INTEGRATOR:
-        driven, gear = driven_by(model, name), float(model.actuator_gear[index, 0])
-        stands = columns.get(f"qpos.{driven[1]}", [0.0])[0] if driven else 0.0
-        first, kept, added = gear * stands, np.ones(len(time) - 1), np.diff(time)
+        first, kept, added = _holding(log, model, index), np.ones(len(time) - 1), np.diff(time)
     else:
         kept = np.exp(-np.diff(time) / max(float(model.actuator_dynprm[index, 0]), mujoco.mjMINVAL))
         first, added = ctrl[0], 1 - kept
@@ -88,3 +83,24 @@ def _path(columns: Mapping[str, np.ndarray], model: mujoco.MjModel, index: int) 
     for share, gain in zip(kept.tolist(), (added * ctrl[:-1]).tolist(), strict=True):
         path.append(min(max(share * path[-1] + gain, low), high))
     return np.array(path)
+
+
+def _holding(log: Log, model: mujoco.MjModel, index: int) -> float:
+    """Return the state with which an actuator holds its joint in the first pose of an episode.
+
+    Its force g act + b0 + b1 length is then the torque of inverse dynamics at rest (MuJoCo,
+    "Inverse dynamics"): a servo that carries a load stands ahead of its joint.
+    """
+    driven = driven_by(model, model.actuator(index).name)
+    if driven is None or model.actuator_gainprm[index, 0] == 0:
+        return 0.0
+    data, joint, places = mujoco.MjData(model), model.joint(driven[1]), positions(log, model)
+    data.qpos[:], _ = home(model)
+    for name, place in places.items():
+        data.qpos[place] = log.column(f"qpos.{name}")[0]
+    data.qpos[:], _ = follow_couplings(model, data.qpos, data.qvel, places.values())
+    mujoco.mj_inverse(model, data)
+    gear, (still, slope, _) = model.actuator_gear[index, 0], model.actuator_biasprm[index, :3]
+    load = data.qfrc_inverse[joint.dofadr[0]] / gear - still
+    length = gear * data.qpos[joint.qposadr[0]]
+    return float((load - slope * length) / model.actuator_gainprm[index, 0])

@@ -28,7 +28,7 @@ from hardware.config import NO_MODEL, Robot, load_robot
 from hardware.excite import excite
 from sim2real.diagnosis.data.noise_floor import rounding
 from sim2real.diagnosis.data.pairs import TWELVE_BITS, is_scalar
-from sim2real.diagnosis.data.recording import home
+from sim2real.diagnosis.data.poses import home
 from sim2real.diagnosis.data.trial import trial
 from sim2real.diagnosis.experiments.apart import Asked, Member, pairs, refitted, separation
 from sim2real.diagnosis.experiments.menu import Item, drawn, menu

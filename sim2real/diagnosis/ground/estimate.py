@@ -19,7 +19,8 @@ import mujoco
 import numpy as np
 
 from hardware.log import Log
-from sim2real.diagnosis.data.recording import check_log, columns_of, home, load_model
+from sim2real.diagnosis.data.poses import home
+from sim2real.diagnosis.data.recording import check_log, columns_of, load_model
 from sim2real.diagnosis.ground.base import Base, base_of, imu_of, rotations
 from sim2real.diagnosis.ground.feet import feet_of
 from sim2real.diagnosis.ground.leaning import leant

@@ -14,7 +14,7 @@ from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import Likelihood
 from sim2real.diagnosis.inference.replayer import Replayer
 from sim2real.diagnosis.inference.score import FOLDS
-from sim2real.diagnosis.inference.unknowns import is_lost
+from sim2real.diagnosis.inference.unknowns import coarsen
 
 NONE = Hypothesis(())
 HALVES = 2  # half of the windows at most
@@ -81,7 +81,7 @@ class Glance(Quick):
         pairs = zip(fitter.sides, counts, strict=True)
         chosen = np.sort(np.concatenate([_pick(own, left[own], n) for own, n in pairs]))
         likelihood = _make_likelihood(fitter, chosen, local, common)
-        coarse = every.coarsen(chosen, lost=is_lost(every, given.own))
+        coarse = coarsen(every, given.own, chosen)
         super().__init__(fitter, given, coarse, chosen, likelihood)
 
     def renew(self, fitter: Fitter, local: np.ndarray, common: np.ndarray) -> None:

@@ -47,7 +47,7 @@ from sim2real.diagnosis.inference.pushes import Pushed, find_pushes
 from sim2real.diagnosis.inference.replayer import Job, Replayer
 from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, Gain, deal_folds
 from sim2real.diagnosis.inference.search import Search, is_better, keep_better
-from sim2real.diagnosis.inference.unknowns import is_lost, make_fitter
+from sim2real.diagnosis.inference.unknowns import coarsen, make_fitter
 from sim2real.diagnosis.inference.vocabulary import Vocabulary
 from sim2real.diagnosis.schema import Verdict
 
@@ -117,7 +117,7 @@ class Judge:
         self.basis: Basis | None = None
         every = self.replayer.every
         (given,) = self.replayer.replay([Job(NONE, np.zeros((len(every), 0)), every)])
-        self.coarse = self.replayer.coarsen(every, is_lost(self.replayer, given.error))
+        self.coarse = coarsen(self.replayer, given.error, every)
         unknown = self._look(NONE, np.zeros((FOLDS, 0)))
         self.search = Search(self, *unknown)
 

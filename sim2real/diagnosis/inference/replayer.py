@@ -139,15 +139,12 @@ class Replayer:
         size = self.data.mask.shape[1] * len(self.noise) * self.noise.itemsize
         return max(int(BATCH / size), 1)
 
-    def coarsen(self, windows: np.ndarray, lost: bool = False) -> Replayer:
+    def coarsen(self, windows: np.ndarray) -> Replayer:
         """Return a replayer of some windows, (n,), in longer time steps.
 
-        What needs shorter ones takes them, see `Hypothesis`. Where the
-        model is lost, longer steps would change everything, and it takes its own.
+        What needs shorter ones takes them, see `Hypothesis`.
         """
         most = self.settings.coarse_s
-        if lost:
-            return self.part(windows)
         other = self.part(windows, self.data.stepping(most))
         other.finer = self.part(windows, self.data.stepping(most / SHORTER))
         return other

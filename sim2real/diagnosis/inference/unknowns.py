@@ -76,6 +76,26 @@ def is_lost(replayer: Replayer, errors: np.ndarray) -> bool:
     return bool(np.square(errors).sum() > np.square(replayer.holding()).sum())
 
 
+def coarsen(replayer: Replayer, given: np.ndarray, windows: np.ndarray) -> Replayer:
+    """Return a replayer of some windows, (n,), in longer time steps where these change little.
+
+    What they change of the model as given is taken off all errors. That is no correction where a
+    model is lost, nor where it is large: an effect changes it, too.
+
+    Args:
+        replayer: of all windows.
+        given: errors of the model as given, (W, N, M).
+        windows: which.
+    """
+    if is_lost(replayer, given):
+        return replayer.part(windows)
+    other, none = replayer.coarsen(windows), np.zeros((len(windows), 0))
+    (made,) = other.replay([Job(Hypothesis(()), none, other.every)])
+    changed = ((made.error - given[windows]) / replayer.noise)[other.used]
+    much = np.sqrt(np.mean(np.square(changed))) > replayer.settings.coarse_noises
+    return replayer.part(windows) if much else other
+
+
 def cap_directions(replayer: Replayer, ways: np.ndarray) -> np.ndarray:
     """Return changes of errors (W, N, M, D), none beyond the spread of a joint's motion.
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from hardware.files import atomic_write
 from sim2real.diagnosis.data.pairs import name_of
-from sim2real.diagnosis.data.recording import positions
+from sim2real.diagnosis.data.poses import positions
 from sim2real.diagnosis.data.replay import Gap
 from sim2real.diagnosis.report import robot_drawing
 from sim2real.runs.errors import Sim2RealError

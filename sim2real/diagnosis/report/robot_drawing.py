@@ -19,7 +19,7 @@ from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
 from sim2real.diagnosis.data.pairs import TURN
-from sim2real.diagnosis.data.recording import home
+from sim2real.diagnosis.data.poses import home
 from sim2real.diagnosis.report import text
 
 WIDTH, HEIGHT, MARGIN, LABEL = 620.0, 330.0, 26.0, 150.0  # units; labels stand left and right

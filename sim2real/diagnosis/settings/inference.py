@@ -89,6 +89,13 @@ class Inference:
     coarse_s: float = setting(
         5e-3, "s", "longest physics time step until the answer is fitted again", COST
     )
+    coarse_noises: float = setting(
+        20.0,
+        "noises",
+        "RMS error by which longer steps may change the model as given (3 to 10 on the robots of "
+        "the exams); else its own are taken",
+        COST,
+    )
     glances: int = setting(
         2,
         "1",

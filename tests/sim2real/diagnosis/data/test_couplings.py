@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from hardware.log import Log
-from sim2real.diagnosis.data.recording import follow_couplings, rows_before, to_recording
+from sim2real.diagnosis.data.poses import follow_couplings
+from sim2real.diagnosis.data.recording import rows_before, to_recording
 
 BODY = '<geom size="0.02 0.05" type="capsule" mass="0.1" contype="0" conaffinity="0"/>'
 GEARS = f"""<mujoco><worldbody>

@@ -1,5 +1,6 @@
 """What is unknown of windows, in as few directions as say the same."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from sim2real.diagnosis.inference import unknowns
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.judge import Judge
+from sim2real.diagnosis.inference.replayer import Job
 from tests.sim2real.diagnosis import arm
 
 NOISE = 3e-4
@@ -32,3 +34,20 @@ def test_fewer_directions_have_the_same_covariance(
     )
     left = np.linalg.eigvalsh(whole @ whole.mT - some @ some.mT)
     assert np.abs(left).max() <= 0.1
+
+
+@pytest.mark.parametrize(("share", "longer"), [(0.9, False), (1.1, True)])
+def test_longer_steps_are_taken_where_they_change_little(
+    share: float, longer: bool, tmp_path: Path
+) -> None:
+    """By up to so many noises: what they change more is no constant that can be taken off."""
+    judge = Judge(arm.data_of(arm.make_log(noise=NOISE), tmp_path))
+    replayer, given = judge.replayer, judge.given.own
+    assert judge.coarse.data.models[0].opt.timestep > judge.data.models[0].opt.timestep
+    coarse, none = replayer.coarsen(replayer.every), np.zeros((len(judge.fold), 0))
+    (made,) = coarse.replay([Job(Hypothesis(()), none, replayer.every)])
+    changed = ((made.error - given) / replayer.noise)[replayer.used]
+    limit = share * float(np.sqrt(np.mean(changed**2)))
+    replayer.settings = replace(replayer.settings, coarse_noises=limit)
+    chosen = unknowns.coarsen(replayer, given, replayer.every)
+    assert (chosen.data.models[0].opt.timestep > judge.data.models[0].opt.timestep) == longer
