@@ -8,11 +8,12 @@
             reading = guard.read()
             sent = guard.command(angles)    # Sent(angles, limited): the command as sent, and why
 
-A command is refused if it is not finite, clamped to each joint's limits, and moved from the last
-command by at most `max_step` and the joint's velocity. The robot is stopped, with torque off and
-verified, if answers are missing, or if a servo reports an error, restarts, overheats, trips its
-watchdog, or does not accept or follow its goals. A SafetyError contains the reason. While armed,
-the servos' own watchdogs stop them if this program ends.
+A command is refused if it is not finite, clamped to each joint's limits (from just outside them it
+leads back or stays), and moved from the last command by at most `max_step` and the joint's
+velocity. The robot is stopped, with torque off and verified, if answers are missing, or if a servo
+reports an error, restarts, overheats, trips its watchdog, or does not accept or follow its goals. A
+SafetyError contains the reason. While armed, the servos' own watchdogs stop them if this program
+ends.
 """
 
 import logging
@@ -149,7 +150,8 @@ class Guard:
         wanted = np.asarray(angles, float)
         if wanted.shape != self.last.shape or not np.isfinite(wanted).all():
             self._stop_for(f"the command {wanted} is not {len(self.last)} finite angles")
-        allowed = np.clip(wanted, self.low, self.high)
+        low, high = np.minimum(self.low, self.last), np.maximum(self.high, self.last)
+        allowed = np.clip(wanted, low, high)
         sent = np.clip(allowed, self.last - self.max_step, self.last + self.max_step)
         limited = np.where(sent != allowed, "step", np.where(allowed != wanted, "limit", ""))
         if self._slack:

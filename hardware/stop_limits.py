@@ -22,8 +22,8 @@ class StopLimits:
         stray: stop if a joint is this far from its command [rad] for longer than `patience`. For a
             soft servo, the limit is at least the error at which it drives at full duty.
         patience: time for which a joint may stray, or a servo exceed its current or load limit [s].
-        outside: arm only if no joint is further outside its limits [rad]; the first commands then
-            move it back inside.
+        outside: arm only if no joint is further outside its limits [rad]; the motion to the start
+            then moves it back inside.
         odd_voltage: stop if the supply differs from the robot's file by this fraction.
         return_time: time for which a lost bus is retried to switch torque off [s].
         slow_steps: arm only if at most this fraction of the control steps takes longer than their

@@ -105,9 +105,8 @@ def record_motions(
 
     def move(guard: Guard, recording: Recording) -> None:
         here = np.clip(guard.arm().position, guard.low, guard.high)
-        if pose is not None:
-            guard.move_to(pose)
         middle = here if pose is None else pose
+        guard.move_to(middle)  # also back from just outside the limits
         recording.drive(excite(robot, middle, seconds, kinds, rng, size))
 
     world = EmulatedRobot(robot, seed=seed) if robot.port is None else None

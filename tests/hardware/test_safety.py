@@ -63,16 +63,22 @@ def test_outside_limits_is_not_armed(rig):
 
 
 def test_a_start_just_outside_is_led_back(rig):
-    """A joint that lies a little outside its limits is armed where it is, and led back inside."""
+    """A joint a little outside its limits goes no further out, and back as slowly as asked."""
     r = rig()
-    r.world.mechanics.data.qpos[:] = [2.1, 0.0, 0.0]
+    r.world.mechanics.data.qpos[:] = [2.15, 0.0, 0.0]
     r.world.mechanics.lock(0, True)
     r.guard.arm()
-    assert r.guard.last[0] == pytest.approx(2.1, abs=0.01)
+    begin = r.guard.last[0]
+    assert begin == pytest.approx(2.15, abs=0.01)
     r.world.mechanics.lock(0, False)
     sent = r.guard.command(np.array([3.0, 0.0, 0.0]))
-    assert sent.angles[0] == pytest.approx(2.0, abs=2e-3)
-    assert sent.limited[0] == "limit"
+    assert (sent.limited[0], sent.angles[0]) == ("limit", pytest.approx(begin, abs=1e-3))
+    goals, write = [], r.driver.command
+    r.driver.command = lambda angles: goals.append(angles[0]) or write(angles)
+    r.guard.move_to(np.array([3.0, 0.0, 0.0]), speed=0.5)
+    steps = np.arange(1, len(goals) + 1) * 0.5 / r.driver.robot.rate
+    np.testing.assert_allclose(goals, np.maximum(begin - steps, 2.0), atol=1e-9)
+    assert r.world.servos[0].memory["goal_position"] == r.driver.counts(np.array([2.0, 0, 0]))[0]
     assert r.powered == [True] * 3
 
 

@@ -108,6 +108,14 @@ def test_every_robot_is_recorded_as_the_verb_stands(tmp_path: Path, name: str) -
     assert "stopped" not in log.meta
 
 
+def test_a_joint_outside_its_limits_is_led_back_before_the_motion(tmp_path: Path) -> None:
+    """It hangs 0.19 rad outside: the first row finds it at the limit, where it was taken slowly."""
+    servos = {"hinge": robot()["servos"]["hinge"] | {"position": [0.19, 1.5]}}
+    log = read_log(go(tmp_path, robot=robot(servos=servos), motions=["ramp"], seconds=1.0))
+    assert log.column("ctrl.hinge")[0] == pytest.approx(0.19, abs=2e-3)
+    assert log.column("qpos.hinge")[0] == pytest.approx(0.19, abs=0.05)  # it sags
+
+
 def test_the_guard_s_limits_are_settings(tmp_path: Path) -> None:
     """`stops` is as in deploy: a wrong name is refused, a strict limit stops the recording."""
     with pytest.raises(Sim2RealError, match=r"stops\.return_tim=9 \(did you mean 'return_time'"):
