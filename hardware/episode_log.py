@@ -87,7 +87,8 @@ class EpisodeLog:
             observation: what the policy saw, (O,).
         """
         assert self._measured is not None
-        self._write_last()
+        if self._writer is not None:
+            self._writer.catch_up(self._rows)
         place = {"episode": float(self._number), "time": time}
         row = place | self._measurement(self._measured)
         names = self.robot.names
@@ -128,26 +129,19 @@ class EpisodeLog:
         Args:
             facts: metadata in addition to the robot's settings.
         """
-        rows, measured = self._rows, self._measured
+        rows, measured, meta, log = self._rows, self._measured, self._meta(facts), None
         if rows and measured is not None and measured.time > rows[-1]["time"]:
-            self._write_last()
-            rows.append(rows[-1] | {"time": measured.time, **self._measurement(measured)})
-            rows[-1] |= {"reward": 0.0, "flag.late": 0.0, "flag.end": 1.0}
-        self._write_last()
-        self._rows, self._measured, meta = [], None, self._meta(facts)
-        writer, self._writer = self._writer, None
-        if writer is not None:
-            writer.close(meta)
-        if len(rows) < 2:
-            return None
-        self.last = Log({name: np.array([row[name] for row in rows]) for name in rows[0]}, meta)
-        self._number += 1
-        return self.last
-
-    def _write_last(self) -> None:
-        """Write the newest row, which is whole now."""
-        if self._rows and self._writer is not None:
-            self._writer.add(self._rows[-1])
+            end = {"reward": 0.0, "flag.late": 0.0, "flag.end": 1.0, "time": measured.time}
+            rows.append(rows[-1] | end | self._measurement(measured))
+        if self._writer is not None:
+            self._writer.catch_up(rows)
+            self._writer.close(meta)
+        if len(rows) >= 2:
+            log = Log({name: np.array([row[name] for row in rows]) for name in rows[0]}, meta)
+            self.last = log
+            self._number += 1
+        self._rows, self._measured, self._writer = [], None, None
+        return log
 
     def _measurement(self, measured: RobotMeasurement) -> Row:
         reading, row = measured.reading, {}

@@ -9,7 +9,7 @@ The first row's names are the columns. `hardware.log` reads a `.part` that was l
 
 import csv
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
@@ -35,20 +35,30 @@ class LogWriter:
         self._part = path.with_name(path.name + PART)
         self._file: TextIOWrapper | None = None
         self._names: list[str] = []
-        self._rows = 0
+        self._written = (0, 0)  # whole rows in the file, and where they end, as `tell` says
+
+    def catch_up(self, rows: Sequence[Mapping[str, float]]) -> None:
+        """Write those of all rows that are not in the file yet.
+
+        Each is in it once, whatever interrupted an earlier call: what that left is written over.
+        """
+        for row in rows[self._written[0] :]:
+            self.add(row)
 
     def add(self, row: Mapping[str, float]) -> None:
         """Write a row; the system has it when this returns."""
         if self._file is None:
             self._begin(row)
         assert self._file is not None
+        count, end = self._written
+        self._file.seek(end)
         cells = [row[name] for name in self._names]
         csv.writer(self._file, lineterminator="\n").writerow(
             int(cell) if name.partition(".")[0] in INTEGER_KINDS else float(cell)
             for name, cell in zip(self._names, cells, strict=True)
         )
         self._file.flush()
-        self._rows += 1
+        self._written = count + 1, self._file.tell()
 
     def close(self, meta: Mapping[str, Any] | None = None) -> bool:
         """Give the log its name, and say whether there is one: it has at least two rows.
@@ -58,19 +68,24 @@ class LogWriter:
         """
         if self._file is None:
             return False
-        self._file.close()
+        if not self._file.closed:
+            self._file.truncate(self._written[1])
+            self._file.close()
+        whole = self._written[0] >= LEAST
+        if not whole:
+            self._part.unlink(missing_ok=True)
+            self.path.with_suffix(".json").unlink(missing_ok=True)
+        elif self._part.exists():
+            write_meta(self.path, self._meta if meta is None else meta)
+            os.replace(self._part, self.path)
         self._file = None
-        if self._rows < LEAST:
-            self._part.unlink()
-            self.path.with_suffix(".json").unlink()
-            return False
-        write_meta(self.path, self._meta if meta is None else meta)
-        os.replace(self._part, self.path)
-        return True
+        return whole
 
     def _begin(self, row: Mapping[str, float]) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         write_meta(self.path, {**self._meta, "stopped": KILLED})
         self._names = list(row)
-        self._file = self._part.open("w", encoding="utf-8", newline="")
-        csv.writer(self._file, lineterminator="\n").writerow(self._names)
+        file = self._part.open("w", encoding="utf-8", newline="")
+        csv.writer(file, lineterminator="\n").writerow(self._names)
+        self._written = 0, file.tell()
+        self._file = file

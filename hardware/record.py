@@ -142,7 +142,7 @@ class Recording:
         row = self._row(now - self._start, wanted, sent, reading, driven, body)
         self._rows.append(row)
         if self._writer is not None:
-            self._writer.add(row)
+            self._writer.catch_up(self._rows)
 
     def _row(
         self,
@@ -207,7 +207,10 @@ class Recording:
 
     def close(self) -> bool:
         """Give the file its name, and say whether there is one; does nothing the second time."""
-        return self._writer is not None and self._writer.close(self._meta())
+        if self._writer is None:
+            return False
+        self._writer.catch_up(self._rows)
+        return self._writer.close(self._meta())
 
     def _meta(self) -> dict[str, Any]:
         robot = self._guard.driver.robot

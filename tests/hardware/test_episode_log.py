@@ -1,12 +1,18 @@
 """The log of an episode: numbered on, complete, and silent about what never was."""
 
+import sys
+from collections.abc import Callable
+from itertools import count
+
 import numpy as np
 import pytest
 
+import hardware.episode_log
+import hardware.log_writer
 from hardware.backends import ServoBackend
 from hardware.config import load_robot
 from hardware.episode_log import EpisodeLog
-from hardware.log import read_logs
+from hardware.log import read_log, read_logs
 from hardware.safety import Sent
 
 
@@ -66,3 +72,55 @@ def test_files_are_numbered_on_and_nothing_leaves_none(measured, tmp_path):
     logs = read_logs(tmp_path)
     assert [set(log.episode) for log in logs] == [{0}, {1}]
     assert logs[1].column("flag.stopped").sum() > 0
+
+
+FILES = (hardware.episode_log.__file__, hardware.log_writer.__file__)
+
+
+def interrupted(action: Callable[[], object], place: int) -> bool:
+    """Raise KeyboardInterrupt at so many lines and returns of the two files; False: it got by."""
+    left, before = place, sys.gettrace()
+
+    def trace(frame, event, _):
+        nonlocal left
+        if frame.f_code.co_filename not in FILES:
+            return None
+        left -= event in ("line", "return")
+        if left < 0:
+            raise KeyboardInterrupt
+        return trace
+
+    sys.settrace(trace)
+    try:
+        action()
+    except KeyboardInterrupt:
+        return True
+    finally:
+        sys.settrace(before)
+    return False
+
+
+def test_an_interruption_anywhere_leaves_every_row_once(measured, tmp_path):
+    """Wherever Ctrl-C comes, the log that is closed then is whole, and as it is in memory."""
+    log, whole = EpisodeLog(load_robot("bench1"), tmp_path), np.array([0.001, 0.021])
+
+    def episode() -> None:
+        written(log, measured, 2)
+        log.finish({"stopped": None})
+
+    before: set[str] = set()
+    for place in count():
+        log.last = None
+        broken = interrupted(episode, place)
+        log.finish({"stopped": "Ctrl-C"})
+        added = {path.name for path in tmp_path.iterdir()} - before
+        before |= added
+        assert len(added) == (0 if log.last is None else 2)
+        if log.last is not None:
+            found = read_log(tmp_path / min(added))
+            np.testing.assert_array_equal(found.time, log.last.time)
+            sent = found.time[found.column("flag.end") == 0]
+            np.testing.assert_array_equal(sent, whole[: len(sent)])
+        if not broken:
+            break
+    assert place > 100
