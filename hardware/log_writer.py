@@ -14,6 +14,7 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import Any
 
+from hardware.errors import LogError
 from hardware.formats.csv_file import PART
 from hardware.formats.names import INTEGER_KINDS
 from hardware.log import write_meta
@@ -22,15 +23,26 @@ LEAST = 2  # rows of a log
 KILLED = "the program ended before it could close this log"
 
 
+def check_free(path: Path) -> None:
+    """Refuse to write a log over another one, whole or begun, with a LogError."""
+    for there in (path, path.with_name(path.name + PART)):
+        if there.exists():
+            raise LogError(f"{there} already exists; give another folder (out=), or move it away")
+
+
 class LogWriter:
     """Writes one CSV log as its rows come.
 
     Args:
         path: where the whole log is to be, `.csv`.
         meta: what is known of it before its first row.
+
+    Raises:
+        LogError: there is a log already.
     """
 
     def __init__(self, path: Path, meta: Mapping[str, Any]) -> None:
+        check_free(path)
         self.path, self._meta = path, dict(meta)
         self._part = path.with_name(path.name + PART)
         self._file: TextIOWrapper | None = None

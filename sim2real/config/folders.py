@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from envs.errors import did_you_mean
+from hardware.log_writer import check_free
 from sim2real.config.arguments import PATHS
 from sim2real.config.targets import ConfigError
 
@@ -93,7 +94,10 @@ def check_output_is_free(out: Path, tree: dict[str, Any]) -> None:
 
     Raises:
         ConfigError: the folder has checkpoints and this run does not resume.
+        LogError: the folder has a log where `record` would write one.
     """
+    if tree["run"]["_target_"] == "sim2real.verbs.record.run":
+        check_free(out / "log.csv")
     if tree.get("resume") is None and any((out / "checkpoints").glob("checkpoint-*")):
         raise ConfigError(f"{out} already holds a run; continue it with resume={out}")
 

@@ -55,6 +55,7 @@ def run(
 
     Raises:
         Sim2RealError: a real robot that was not armed, no time to move in, a size out of range.
+        LogError: the folder has a log.
         HardwareError: a robot that is wrong, is not there, or stopped on the way; the rows until
             then are in log.csv, whose metadata say why.
     """

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from hardware.config import ROBOTS
-from hardware.errors import RobotError, SafetyError
+from hardware.errors import LogError, RobotError, SafetyError
 from hardware.log import read_log
 from sim2real.runs.errors import Sim2RealError
 from sim2real.verbs import record, replay
@@ -108,7 +108,22 @@ def test_every_robot_is_recorded_as_the_verb_stands(tmp_path: Path, name: str) -
     assert "stopped" not in log.meta
 
 
-def test_a_joint_outside_its_limits_is_led_back_before_the_motion(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["log.csv", "log.csv.part"])
+def test_a_log_is_not_written_over(tmp_path: Path, name: str, caplog: Any) -> None:
+    """A second recording into a folder is refused before it connects; the first stays."""
+    caplog.set_level("INFO")
+    (tmp_path / name).write_text("somebody's rows\n")
+    with pytest.raises(LogError, match=rf"{name} already exists; give another folder \(out=\)"):
+        go(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {name}
+    assert (tmp_path / name).read_text() == "somebody's rows\n"
+    tree = {"run": {"_target_": "sim2real.verbs.record.run"}, "resume": None}
+    with pytest.raises(LogError, match="already exists"):
+        check_output_is_free(tmp_path, tree)
+    assert "is emulated" not in caplog.text
+
+
+def test_a_joint_outside_its_limits_is_led_back_first(tmp_path: Path, caplog: Any) -> None:
     """It hangs 0.19 rad outside: the first row finds it at the limit, where it was taken slowly."""
     servos = {"hinge": robot()["servos"]["hinge"] | {"position": [0.19, 1.5]}}
     log = read_log(go(tmp_path, robot=robot(servos=servos), motions=["ramp"], seconds=1.0))
