@@ -37,3 +37,9 @@ def did_you_mean(name: str, allowed: Iterable[str]) -> str:
 def format_names(names: Iterable[str]) -> str:
     """Return the names as "'a', 'b'", or "none"."""
     return ", ".join(map(repr, names)) or "none"
+
+
+def format_reason(error: BaseException) -> str:
+    """Return why an exception ended something: a HardwareError says it, others are named."""
+    name, text = type(error).__name__, str(error)
+    return text if isinstance(error, HardwareError) else f"{name}: {text}" if text else name

@@ -21,7 +21,7 @@ from hardware.body import OF_THE_IMU, BodySensors
 from hardware.body import columns as list_columns
 from hardware.config import Robot
 from hardware.driver import Reading
-from hardware.errors import HardwareError, LogError, SerialPortError
+from hardware.errors import HardwareError, LogError, SerialPortError, format_reason
 from hardware.excite import ExcitationPlan
 from hardware.link import LinkMonitor
 from hardware.log import Log
@@ -125,7 +125,7 @@ class Recording:
                 if link.is_due(driver.clock.now()):
                     _logger.info("%s", link.statistics())
         except BaseException as error:
-            self.stopped = str(error) or type(error).__name__
+            self.stopped = format_reason(error)
             raise
 
     def _step(self, wanted: np.ndarray, torque: bool, on: bool) -> None:

@@ -13,6 +13,7 @@ An episode ends as in simulation, and, with `failed` set, when the guard stops t
 then says why, and the next reset raises until `arm` was called.
 """
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,7 +23,14 @@ import numpy as np
 from hardware.backends import Backend, RobotMeasurement, ServoBackend
 from hardware.body import SIZES
 from hardware.episode_log import EpisodeLog
-from hardware.errors import RobotError, SafetyError, ServoError, did_you_mean, format_names
+from hardware.errors import (
+    RobotError,
+    SafetyError,
+    ServoError,
+    did_you_mean,
+    format_names,
+    format_reason,
+)
 from hardware.link import LinkStatistics
 from hardware.safety import Sent
 
@@ -254,10 +262,15 @@ class RobotRows:
     def close(self) -> None:
         """Write the log, park, switch torque off, let go.
 
+        The log of an episode that an exception ended, such as Ctrl-C or the policy's, says so.
+
         Raises:
             HardwareError: parking failed, or a servo did not confirm that it is off.
         """
+        error = sys.exc_info()[1]
         try:
+            if error is not None and not self.over:
+                self._stop(format_reason(error))
             self.finish()
         finally:
             self.backend.close()

@@ -159,6 +159,7 @@ def run_deployment(
             log_.info(text, turn.phase, turn.number + 1, value, rows.link)
         log_.info("all %d episodes are done; %s", deployment.total, rows.link)
     except KeyboardInterrupt:
+        rows.close()  # its log then says that this ended the episode
         done = f"stopped after {deployment.done} of {deployment.total} episodes, torque is off"
         raise RunInterrupted(f"{done}; {again}", 130) from None
     finally:

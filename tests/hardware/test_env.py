@@ -284,14 +284,17 @@ def test_a_slow_policy_misses_deadlines_and_the_clock_goes_on():
     rows.close()
 
 
-def test_it_parks_before_torque_goes_off():
+def test_it_parks_before_torque_goes_off(tmp_path):
     """After the block the robot is where it started, and off; after an exception too."""
     backend = loopback()
-    with pytest.raises(ZeroDivisionError), HardwareEnv(Bench1(), backend, seed=1) as env:
+    with pytest.raises(ZeroDivisionError), HardwareEnv(Bench1(), backend, tmp_path, seed=1) as env:
         start = env.reset()["observation"][0, 0].item()
         env.rollout(40, lambda td: td.set("action", torch.full((1, 1), 0.8)), auto_reset=False,
                     tensordict=env.reset())  # fmt: skip
-        raise ZeroDivisionError
+        raise ZeroDivisionError("a policy's mistake")
+    assert (
+        "ZeroDivisionError: a policy's" in read_log(tmp_path / "episode-0000.csv").meta["stopped"]
+    )
     assert backend.world is not None
     assert powered(backend) == [False]
     assert backend.world.mechanics.angle[0] == pytest.approx(start, abs=0.15)
@@ -299,17 +302,20 @@ def test_it_parks_before_torque_goes_off():
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_switch_off_at_once(number):
-    """Ctrl-C and SIGTERM in the middle of an episode: torque off, and the handlers restored."""
+def test_signals_switch_off_at_once(number, tmp_path):
+    """Ctrl-C and SIGTERM in the middle of an episode: torque off, handlers restored, logged."""
     backend, before = loopback(), signal.getsignal(number)
     expected = KeyboardInterrupt if number == signal.SIGINT else SystemExit
-    with pytest.raises(expected), HardwareEnv(Bench1(), backend) as env:
+    with pytest.raises(expected), HardwareEnv(Bench1(), backend, tmp_path) as env:
         env.rollout(5)
         assert powered(backend) == [True]
         os.kill(os.getpid(), number)
         env.rollout(5)
     assert powered(backend) == [False]
     assert signal.getsignal(number) is before
+    log = read_log(tmp_path / "episode-0000.csv")
+    why = "KeyboardInterrupt" if number == signal.SIGINT else "SystemExit: 143"
+    assert (log.meta["stopped"], log.column("flag.stopped").any()) == (why, True)
 
 
 def test_a_task_of_another_robot_is_refused():

@@ -185,7 +185,7 @@ def test_rows_survive_what_ends_a_recording(ending):
         recording.drive(np.zeros((100, 1)))
     log = recording.log()
     assert len(log) == 40
-    assert log.meta["stopped"] == "somebody pulled the plug"
+    assert log.meta["stopped"].endswith("somebody pulled the plug")
     assert not driver.health(0).torque
     with pytest.raises(LogError, match="0 rows were recorded, but a log has at least 2"):
         Recording(guard).log()
