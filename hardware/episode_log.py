@@ -9,11 +9,12 @@
 
 Beside the columns of every log there are `obs.<i>` and `action.<i>` (what the policy saw and said),
 `action.<servo>` (the goal that the task made of it) where `ctrl.<servo>` is what was sent;
-`sensor.count_`, `duty_`, `torque_`, `fresh_` and `lost_<servo>` (raw position, duty, N·m, whether
-the answer is new, answers lost or stale so far), those of the IMU if the robot's file says its
-site, `sensor.<name>_<i>` of another sensor, `flag.late` (a deadline was missed in this step),
-`flag.limited` (the guard sent less than the goal), `flag.stopped` and `flag.end` (the episode's
-last measurement: nothing was sent any more, the last command holds).
+`sensor.count_`, `duty_`, `load_`, `torque_`, `fresh_` and `lost_<servo>` (raw position, duty, load
+where no current is measured, N·m, whether the answer is new, answers lost or stale so far), those
+of the IMU if the robot's file says its site, `sensor.<name>_<i>` of another sensor, `flag.late` (a
+deadline was missed in this step), `flag.limited` (the guard sent less than the goal),
+`flag.stopped` and `flag.end` (the episode's last measurement: nothing was sent any more, the last
+command holds).
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,7 +30,7 @@ from hardware.counters import Counters
 from hardware.driver import Health
 from hardware.log import Log
 from hardware.log_writer import LogWriter
-from hardware.record import joint_names
+from hardware.record import describe, effort_column, joint_names
 from hardware.safety import Sent
 
 Row = dict[str, float]
@@ -151,7 +152,7 @@ class EpisodeLog:
                 f"qpos.{joint}": float(reading.position[i]),
                 f"qvel.{joint}": float(reading.velocity[i]),
                 f"stamp.{joint}": float(reading.stamp[i]) - begin,
-                f"current.{name}": float(reading.current[i]),
+                effort_column(self.robot.servos[i]): float(reading.effort[i]),
                 f"sensor.duty_{name}": float(reading.duty[i]),
                 f"sensor.count_{name}": float(reading.count[i]),
                 f"sensor.torque_{name}": float(measured.torque[i]),
@@ -163,17 +164,7 @@ class EpisodeLog:
         return row | {"flag.fresh": float(reading.fresh.all())}
 
     def _meta(self, facts: Mapping[str, Any]) -> dict[str, Any]:
-        robot = self.robot
-        settings = {servo.name: robot.registers_of(servo) for servo in robot.servos}
-        return {
-            "robot": robot.name,
-            "model": str(robot.model.resolve()),
-            "settings": settings,
-            "rate": robot.rate,
-            "command_delay": robot.command_delay,
-            "supply_voltage": robot.supply.voltage,
-            **facts,
-        }
+        return {**describe(self.robot), **facts}
 
 
 def _next_number(folder: Path) -> int:

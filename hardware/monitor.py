@@ -63,11 +63,12 @@ def _lines(
 ) -> list[str]:
     """Return a line for each servo, and one of the link."""
     lines = []
-    for i, name in enumerate(driver.robot.names):
-        answers = link.servos[name]
+    for i, servo in enumerate(driver.robot.servos):
+        name, answers, effort = servo.name, link.servos[servo.name], reading.effort[i]
+        drawn = f"load {100 * effort:4.0f} %" if servo.type.current is None else f"{effort:7.3f} A"
         lines.append(
             f"{name:>16} {reading.position[i]:8.4f} rad {reading.velocity[i]:7.2f} rad/s "
-            f"{reading.current[i]:7.3f} A  {_state(health[i])}; of {answers.asked} answers "
+            f"{drawn}  {_state(health[i])}; of {answers.asked} answers "
             f"{answers.lost} lost, {answers.late} late, {answers.stale} stale"
         )
     return [*lines, str(link)]

@@ -19,7 +19,7 @@ import numpy as np
 
 from hardware.body import OF_THE_IMU, BodySensors
 from hardware.body import columns as list_columns
-from hardware.config import Robot
+from hardware.config import Robot, Servo
 from hardware.driver import Reading
 from hardware.errors import HardwareError, LogError, SerialPortError, format_reason
 from hardware.excite import ExcitationPlan
@@ -38,6 +38,25 @@ def joint_names(robot: Robot) -> list[str]:
     model = mujoco.MjModel.from_xml_path(str(robot.model))
     joints = [model.actuator(name).trnid[0] for name in robot.names]
     return [model.joint(int(joint)).name for joint in joints]
+
+
+def describe(robot: Robot) -> dict[str, Any]:
+    """Return a log's metadata of its robot: settings, and its ports, or that it is emulated."""
+    ports = [bus.port for bus in robot.buses] or robot.port
+    return {
+        "robot": robot.name,
+        "model": str(robot.model.resolve()),
+        "settings": {servo.name: robot.registers_of(servo) for servo in robot.servos},
+        "rate": robot.rate,
+        "command_delay": robot.command_delay,
+        "supply_voltage": robot.supply.voltage,
+        **({"emulated": True} if robot.port is None else {"port": ports}),
+    }
+
+
+def effort_column(servo: Servo) -> str:
+    """Return the column of a servo's current [A], or its load if it measures no current."""
+    return f"sensor.load_{servo.name}" if servo.type.current is None else f"current.{servo.name}"
 
 
 class Recording:
@@ -161,7 +180,7 @@ class Recording:
             row |= {f"{kind}.{joint}": float(values[i]) for i, joint in enumerate(self._joints)}
         for i, (name, joint) in enumerate(pairs):
             row[f"stamp.{joint}"] = float(reading.stamp[i]) - start
-            row[f"current.{name}"] = float(reading.current[i])
+            row[effort_column(robot.servos[i])] = float(reading.effort[i])
             if (health := self._guard.health[i]) is not None:
                 row[f"voltage.{name}"] = health.voltage
                 row[f"temperature.{name}"] = health.temperature
@@ -188,8 +207,9 @@ class Recording:
         """Return the recording so far.
 
         Returns:
-            A log with ctrl, qpos, qvel, current, stamp and torque of every servo, voltage and
-            temperature as last read (one servo a step), the requested angles as `action`,
+            A log with ctrl, qpos, qvel, current (`sensor.load_<servo>` [of full load] of servos
+            that measure none), stamp and torque of every servo, voltage and temperature as last
+            read (one servo a step), the requested angles as `action`,
             the duty as `sensor.duty_<servo>`, the raw position as `sensor.count_<servo>`, and
             `flag.fresh` (0: an answer was missing, the last value is held), and the IMU's columns
             where there is one. Its metadata say
@@ -213,16 +233,7 @@ class Recording:
         return self._writer.close(self._meta())
 
     def _meta(self) -> dict[str, Any]:
-        robot = self._guard.driver.robot
-        settings = {servo.name: robot.registers_of(servo) for servo in robot.servos}
-        meta = {
-            "robot": robot.name,
-            "model": str(robot.model.resolve()),
-            "settings": settings,
-            "rate": robot.rate,
-            "command_delay": robot.command_delay,
-            "supply_voltage": robot.supply.voltage,
-        }
+        meta = describe(self._guard.driver.robot)
         if self.link is not None:
             meta["link"] = self.link.statistics().as_dict()
         return meta if self.stopped is None else meta | {"stopped": self.stopped}

@@ -13,6 +13,7 @@ from pathlib import Path
 from hardware.errors import RobotError, did_you_mean, format_names
 from hardware.parts import Bus, BusSettings, Imu, Servo, Supply
 
+PORT = "give a port such as /dev/ttyUSB0, or leave it out for the emulated robot"
 LIMITING = {"dynamixel": "goal_pwm", "feetech": "torque_limit"}  # registers that limit the duty
 
 
@@ -56,9 +57,11 @@ class Robot:
         """Return the robot at other ports: one for each bus in their order, None for emulated ones.
 
         Raises:
-            RobotError: more or fewer ports than buses, or one twice.
+            RobotError: more or fewer ports than buses, one twice, or an empty one.
         """
         given = [ports] if ports is None or isinstance(ports, str) else list(ports)
+        if "" in given:
+            raise RobotError(f"{self.name}: port= is empty; {PORT}")
         if not self.buses and len(given) == 1:
             return replace(self, port=given[0])
         if ports is None:
@@ -79,6 +82,8 @@ class Robot:
         Raises:
             RobotError: its file names no IMU, or the port is that of a bus.
         """
+        if not port:
+            raise RobotError(f"{self.name}: imu_port= is empty; {PORT}")
         if self.imu is None:
             raise RobotError(f"{self.name}: imu_port={port}, but its file names no IMU (key imu)")
         if port in [bus.port for bus in self.buses] + [self.port]:

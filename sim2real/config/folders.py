@@ -90,7 +90,7 @@ def check_paths_exist(tree: dict[str, Any], used: Collection[str]) -> None:
 
 
 def check_output_is_free(out: Path, tree: dict[str, Any]) -> None:
-    """Keep a new training out of a folder that holds another, before anything is written there.
+    """Keep a new training or recording out of a folder that holds another, before it is touched.
 
     Raises:
         ConfigError: the folder has checkpoints and this run does not resume.

@@ -65,7 +65,7 @@ def configure_robot(
         RobotError: a wrong robot's file, the calibration of another robot, or the port of an IMU
             that its file does not name.
     """
-    machine = make_robot({**robot, **({"port": port} if port else {})})
+    machine = make_robot({**robot, **({"port": port} if port is not None else {})})
     if imu_port is not None:
         machine = machine.with_imu_at(imu_port)
     if calibration is not None:

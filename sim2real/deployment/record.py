@@ -58,7 +58,7 @@ def prepare_robot(
         raise Sim2RealError(f"seconds={seconds} must be above 0")
     if not 0 < size <= 1:
         raise Sim2RealError(f"size={size} must be above 0 and at most 1")
-    machine = make_robot({**robot, **({"port": port} if port else {})})
+    machine = make_robot({**robot, **({"port": port} if port is not None else {})})
     if machine.port is not None and not arm:
         raise Sim2RealError(
             f"{machine.name} at {machine.port} would move; clear the space around it, then "

@@ -46,7 +46,7 @@ def prepare_leader(name: str, port: str | None, calibration: str | None, followe
     path = find_robot(name)
     data = read_robot(path)
     data["model"] = data.get("model") or str(follower.model)
-    leader = make_robot({**data, **({"port": port} if port else {})}, str(path))
+    leader = make_robot({**data, **({"port": port} if port is not None else {})}, str(path))
     check_joints(leader, follower)
     if (leader.port is None) != (follower.port is None):
         at = [f"{robot.name} is {robot.port or 'emulated'}" for robot in (leader, follower)]

@@ -25,7 +25,7 @@ from hardware.emulator.pty import serve
 from hardware.emulator.world import EmulatedRobot
 from hardware.env import HardwareEnv
 from hardware.errors import RobotError, SafetyError, SerialPortError
-from hardware.log import read_log
+from hardware.log import read_log, read_logs
 from hardware.rows import RobotRows
 from hardware.safety import StopLimits
 from tests.hardware.rig import in_real_time
@@ -342,7 +342,8 @@ def test_a_pseudo_terminal_is_a_real_port(tmp_path: Path):
 
         def drive() -> None:
             patient = StopLimits(misses=50, patience=5.0, lost=1.0, stale=1.0)
-            with HardwareEnv(Bench1(), ServoBackend(real, settle=0.1, limits=patient)) as env:
+            backend = ServoBackend(real, settle=0.1, limits=patient)
+            with HardwareEnv(Bench1(), backend, tmp_path / "logs") as env:
                 with pytest.raises(SafetyError, match="not armed"):
                     env.reset()
                 env.arm()
@@ -356,3 +357,5 @@ def test_a_pseudo_terminal_is_a_real_port(tmp_path: Path):
         done.set()
         server.join()
     assert world.firmware.torque_on.tolist() == [False]
+    meta = read_logs(tmp_path / "logs")[-1].meta
+    assert meta["port"] == str(link) and "emulated" not in meta

@@ -9,7 +9,7 @@ from hardware.clock import VirtualClock
 from hardware.counters import Counters
 from hardware.emulator.faults import Fault
 from hardware.link import AnswerCounts, LinkMonitor, LinkScore, LinkStatistics, format_link
-from hardware.monitor import monitor
+from hardware.monitor import _lines, monitor
 from hardware.pace import FixedRate
 from hardware.record import Recording
 from tests.hardware.rig import START
@@ -132,3 +132,18 @@ def test_the_monitor_asks_as_a_run_does(chain):
         "link: period 20.0/20.0/20.0 ms (p50/p90/p99), 0 overruns in 100 periods; of 303 answers "
         "0 lost, 0 late, 0 stale"
     )
+
+
+def test_the_monitor_shows_the_load_where_no_current_is_measured(rig, chain):
+    """Of an XL430 at its work: what its register says, in percent, and no current."""
+    shared = {"model": "xl430-w250", "supply": {"voltage": 11.1}}
+    robot = chain(3, servo=shared, registers={"position_p_gain": 800})
+    r = rig(robot=robot)
+    r.run(30, 1.0)
+    reading = r.driver.read()
+    link = LinkMonitor(FixedRate(r.clock, robot.rate), r.driver.counters).statistics()
+    lines = _lines(r.driver, reading, r.guard.health, link)
+    for line, servo in zip(lines, r.world.servos, strict=False):
+        percent = servo.memory["present_load"] / 10
+        assert abs(percent) > 5
+        assert f"rad/s load {percent:4.0f} %  " in line and " A " not in line

@@ -80,7 +80,11 @@ def test_every_robot_is_driven(name, tmp_path):
     log = drive(name, steps=40, size=0.1)
     assert len(log) == 40
     assert log.column("flag.fresh").all()
-    for actuator in robot.names:
+    for actuator, servo in zip(robot.names, robot.servos, strict=True):
+        if servo.type.current is None:  # the load of an emulated one is its duty
+            load, duty = (log.column(f"sensor.{kind}_{actuator}") for kind in ("load", "duty"))
+            np.testing.assert_allclose(load, duty, atol=2e-3)
+        assert (f"current.{actuator}" in log.columns) == (servo.type.current is not None)
         volts = log.column(f"voltage.{actuator}")
         np.testing.assert_allclose(volts, robot.supply.voltage, atol=0.06)
         assert (log.column(f"temperature.{actuator}") >= 25).all()

@@ -1,4 +1,4 @@
-"""The picture of a deployment's returns."""
+"""The robot of a deployment, and the picture of its returns."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -7,8 +7,21 @@ from typing import Any
 import matplotlib.figure
 import numpy as np
 import pytest
+import yaml
 
-from sim2real.deployment.deploy import draw
+from hardware.config import ROBOTS
+from hardware.errors import RobotError
+from sim2real.deployment.deploy import configure_robot, draw
+
+
+def test_an_empty_port_is_not_the_emulated_robot() -> None:
+    """A shell's variable that is not set is a mistake, of the servos' port and of the IMU's."""
+    robot = yaml.safe_load((ROBOTS / "quad8.yaml").read_text(encoding="utf-8"))
+    assert configure_robot(robot, None, None).port is None
+    with pytest.raises(RobotError, match=r"quad8: port= is empty; .* leave it out for the emulat"):
+        configure_robot(robot, "", None)
+    with pytest.raises(RobotError, match="quad8: imu_port= is empty; give a port"):
+        configure_robot(robot, None, None, "")
 
 
 def test_the_best_so_far_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,12 +16,14 @@ from envs.tasks import Bench1
 from hardware.backends import ServoBackend
 from hardware.config import load_robot
 from hardware.env import HardwareEnv
+from hardware.log import read_log
 from sim2real.deployment.deploy import run_deployment
 from sim2real.deployment.robot_env import on_robot, robot_of
 from sim2real.deployment.session import Deployment
 from sim2real.learning.adapt import NoAdaptation
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.trained import TrainedPolicy
+from sim2real.runs.errors import RunInterrupted
 from tests.sim2real.trained import make_learner
 
 WORDS = ["env=bench1", "env.task.seconds=0.4", "algorithm=ppo", "algorithm.num_rows=4"]
@@ -117,3 +119,26 @@ def test_somebody_s_own_transform_and_actor_drive_the_emulated_bus(cut: bool, tm
     paid = log.column("reward")[:STEPS]
     assert deployment.before[1] == np.cumsum(paid)[-1]
     assert deployment.before[1] != np.cumsum(paid.astype(np.float32), dtype=float)[-1]
+
+
+def test_ctrl_c_in_a_policy_stands_in_the_log(tmp_path) -> None:
+    """The episode that it broke off does not look complete; the log says what robot it was."""
+    calls: list[int] = []
+
+    def act(seen: torch.Tensor) -> torch.Tensor:
+        calls.append(1)
+        if len(calls) == 8:
+            raise KeyboardInterrupt
+        return torch.zeros(1, 1)
+
+    own = EnvironmentFactory(partial(MujocoEnv, Bench1(seconds=0.6)))
+    actor = TensorDictModule(act, ["observation"], ["action"])
+    trained = TrainedPolicy(np.zeros(0, np.float32), lambda theta: actor, own, {}, 0)
+    deployment = Deployment(trained.theta, NoAdaptation(), trials=1, seed=0)
+    backend = ServoBackend(load_robot("bench1"), settle=0.1)
+    env = on_robot(trained, Bench1(seconds=0.6), backend, tmp_path / "logs")
+    with pytest.raises(RunInterrupted, match="torque is off"):
+        run_deployment(env, trained, deployment, tmp_path)
+    log = read_log(tmp_path / "logs" / "episode-0000.csv")
+    assert (len(log), log.meta["stopped"], log.meta["emulated"]) == (8, "KeyboardInterrupt", True)
+    assert backend.world is not None and not backend.world.firmware.torque_on.any()

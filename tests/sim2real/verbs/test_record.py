@@ -10,6 +10,7 @@ import yaml
 from hardware.config import ROBOTS
 from hardware.errors import LogError, RobotError, SafetyError
 from hardware.log import read_log
+from sim2real.config.folders import check_output_is_free
 from sim2real.runs.errors import Sim2RealError
 from sim2real.verbs import record, replay
 
@@ -84,6 +85,8 @@ def test_what_cannot_be_done_is_said_before_anything_moves(tmp_path: Path) -> No
         go(tmp_path, seconds=0)
     with pytest.raises(RobotError):
         go(tmp_path, robot={"model": "bench1.xml"})
+    with pytest.raises(RobotError, match=r"bench1: port= is empty; give a port such as"):
+        go(tmp_path, port="", arm=True)
     assert not (tmp_path / "log.csv").exists()
 
 
@@ -125,8 +128,11 @@ def test_a_log_is_not_written_over(tmp_path: Path, name: str, caplog: Any) -> No
 
 def test_a_joint_outside_its_limits_is_led_back_first(tmp_path: Path, caplog: Any) -> None:
     """It hangs 0.19 rad outside: the first row finds it at the limit, where it was taken slowly."""
+    caplog.set_level("INFO")
     servos = {"hinge": robot()["servos"]["hinge"] | {"position": [0.19, 1.5]}}
     log = read_log(go(tmp_path, robot=robot(servos=servos), motions=["ramp"], seconds=1.0))
+    assert log.meta["emulated"] is True and "port" not in log.meta
+    assert "bench1 is emulated: it has no port" in caplog.text
     assert log.column("ctrl.hinge")[0] == pytest.approx(0.19, abs=2e-3)
     assert log.column("qpos.hinge")[0] == pytest.approx(0.19, abs=0.05)  # it sags
 
@@ -172,4 +178,6 @@ def test_a_leader_that_cannot_be_followed(tmp_path: Path) -> None:
         follow(tmp_path, port="/dev/x", leader_port="/dev/x", arm=True)
     with pytest.raises(Sim2RealError, match="add arm=true"):
         follow(tmp_path, port="/dev/x", leader_port="/dev/y")
+    with pytest.raises(RobotError, match="lead: port= is empty"):
+        follow(tmp_path, leader_port="")
     assert not (tmp_path / "out" / "log.csv").exists()
