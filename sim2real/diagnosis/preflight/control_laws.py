@@ -24,7 +24,7 @@ from sim2real.diagnosis.settings import DEFAULT, TINY, Preflight, Settings
 
 CURRENT_BASED, FULL_PWM = 5, 885.0  # Dynamixel X e-manual: operating mode, PWM at full duty
 DUTY = ("duty", "pwm")  # how columns of a duty are named
-MEASURED = ("torque", "effort", "current", "load")  # how columns of a motor's torque are named
+MEASURED = ("torque", "effort", "current")  # columns of a torque; a servo's load is its duty
 
 
 def check_duties(pairs: Pairs, settings: Settings = DEFAULT) -> Iterator[Finding]:

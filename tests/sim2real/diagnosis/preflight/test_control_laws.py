@@ -6,7 +6,7 @@ import pytest
 from hardware.log import Log
 from sim2real.diagnosis.data.impedance import with_laws
 from sim2real.diagnosis.preflight.checks import NOTES, preflight
-from sim2real.diagnosis.preflight.control_laws import check_torques
+from sim2real.diagnosis.preflight.control_laws import check_torques, measured_torques
 from tests.sim2real.diagnosis import arm, motors
 from tests.sim2real.diagnosis.data import test_impedance as impedance
 
@@ -34,6 +34,15 @@ def test_a_measured_torque_is_left_alone() -> None:
     assert found(0.02) == []
     log = arm.make_log(seconds=2.0)
     assert list(check_torques([(log, arm.spec().compile())])) == []
+
+
+def test_a_servo_s_load_is_no_torque() -> None:
+    """It is a duty, back-EMF included: no evidence of a torque, and nothing that was computed."""
+    log = arm.make_log(seconds=2.0)
+    log = Log({**log.columns, "sensor.load_a": np.sin(5 * log.time)})
+    pairs = [(log, arm.spec().compile())]
+    assert measured_torques(pairs) == {}
+    assert found(0.0, "sensor.load_a") == []
 
 
 def test_the_law_of_each_row_counts() -> None:
