@@ -112,12 +112,12 @@ class Guard:
         for reason in map(self._watch.climate, range(len(driver)), states):
             if reason is not None:
                 raise SafetyError(f"{reason}; torque stays off")
-        robot = driver.robot
-        if robot.port is None and not self.armed:
-            _logger.info("%s is emulated: it has no port", robot.name)
-        elif not (self.armed or self.dry_run):
+        if driver.robot.port is None and not self.armed:
+            _logger.info("%s is emulated: it has no port", driver.robot.name)
+        if not (self.armed or self.dry_run):
+            level = logging.INFO if driver.robot.port is None else logging.WARNING
             words = "torque goes on; killed, or on a bus that stays away, %s stay powered"
-            _logger.warning(words, alone(robot, robot.names))
+            _logger.log(level, words, alone(driver.robot, driver.robot.names))
             if score is not None:
                 _logger.info("%s", score)
         self._power(reading)
