@@ -39,7 +39,8 @@ Keys:
                      (default: false)
     seed=NUMBER      emulate: of its randomness (default: 0)
 
-The exit status is 0, 1 if the servos or the port refuse, 2 for a wrong command line or file.
+The exit status is 0, 1 if the servos or the port refuse or a servo may still have torque, 2 for a
+wrong command line or file, 130 after Ctrl-C (0 if it is the usual end: emulate, monitor).
 """
 
 import math
@@ -65,6 +66,7 @@ from hardware.pack import pack as pack_folder
 from hardware.scan import DetectedServo
 from hardware.scan import scan as find_servos
 from hardware.setup import set_up
+from hardware.switch_off import switch_off, switch_off_at
 from hardware.terminal import Ask, ask_terminal
 from hardware.wizard import make_robot_file
 
@@ -83,7 +85,9 @@ KEYS = {
     "pack": ("folder", "file"),
     "emulate": ("robot", "model", "hidden", "link", "held", "factory", "seconds", "seed"),
 }
-BY_SCAN = ("read", "write", "reboot", "torque")  # verbs that need no robot's file
+BY_SCAN = ("read", "write", "reboot")  # verbs that need no robot's file
+ENDLESS = ("emulate", "monitor")  # verbs that Ctrl-C ends
+INTERRUPTED = 130  # exit status, 128 + SIGINT
 tell = partial(print, flush=True)
 
 
@@ -102,8 +106,12 @@ def main(arguments: list[str], ask: Ask = ask_terminal) -> int:
     except EOFError:
         print(f"{verb} needs a person at a terminal, and there is none", file=sys.stderr)
         return 2
+    except OSError as error:
+        print(f"{verb}: {error}", file=sys.stderr)
+        return 1
     except KeyboardInterrupt:
         print()
+        return 0 if verb in ENDLESS else INTERRUPTED
     return 0
 
 
@@ -198,7 +206,9 @@ def reboot(robot: Robot, keys: Keys, ask: Ask) -> None:
 def torque(robot: Robot, keys: Keys, ask: Ask) -> None:
     """Switch torque off, or hold the robot."""
     if not yes_or_no(keys, "on", False):
-        return _with(robot, lambda driver: single_servo.torque_off(driver, tell))
+        if "port" in keys and "robot" not in keys:
+            return switch_off_at(keys["port"].split(","), tell)
+        return _with(robot, lambda driver: switch_off(driver, tell))
     if "robot" not in keys:
         raise UsageError("on=true needs robot=NAME: its file has the limits")
     if robot.port is not None and not yes_or_no(keys, "arm", False):

@@ -1,4 +1,4 @@
-"""Look at, set, restart and switch single servos: the verbs read, write, reboot and torque.
+"""Look at, set, restart and hold servos: the verbs read, write, reboot, and torque with on=true.
 
     read(driver, "elbow", "present_position", print)
     write(driver, "elbow", "position_p_gain", 800, may_move=False, tell=print)
@@ -145,13 +145,6 @@ def reboot(driver: Driver, servo: str | None, tell: Tell) -> None:
             if driver.clock.now() > end:
                 raise ServoError(f"{each.name} (ID {each.id}) does not answer after its reboot")
         tell(f"{each.name} (ID {each.id}) has rebooted, its torque is off")
-
-
-def torque_off(driver: Driver, tell: Tell) -> None:
-    """Switch all torque off and let each servo confirm it; raises as `Driver.torque_off`."""
-    open_ports(driver)
-    driver.torque_off()
-    tell(f"{driver.robot.name}: torque is off in {format_names(driver.robot.names)}")
 
 
 def hold(driver: Driver, ask: Ask, tell: Tell) -> None:
