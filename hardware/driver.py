@@ -187,16 +187,20 @@ class Driver(Torque):
         return self.score
 
     def configure(self) -> None:
-        """Switch torque off, then write the robot's registers and verify each.
+        """Switch torque off, then write the robot's registers and verify each; leave torque off.
 
         Raises:
-            ServoError: a register does not keep its value.
+            ServoError: a register does not keep its value, or would make a servo unsafe.
         """
         self.torque_off()
-        with self.bus_client.more_patient():
-            for servo in self.robot.servos:
-                for name, value in self.robot.registers_of(servo).items():
-                    self.write_register(servo, name, value)
+        try:
+            with self.bus_client.more_patient():
+                for servo in self.robot.servos:
+                    for name, value in self.robot.registers_of(servo).items():
+                        self.write_register(servo, name, value)
+            handshake.check_settings(self.robot, self.bus_client)
+        finally:
+            self.torque_off()
         self.read()
         self._find_turns()  # another operating mode may count turns differently
 

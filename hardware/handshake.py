@@ -72,6 +72,20 @@ def check_servos(robot: Robot, client: BusClient) -> None:
             found += _other_model(servo, number) or _dangers(robot, client, servo)
     if missing:
         found.append(_where_are(robot, client, missing))
+    _refuse(robot, found)
+
+
+def check_settings(robot: Robot, client: BusClient) -> None:
+    """Refuse settings under which a servo would move by itself or answer too late.
+
+    Raises:
+        ServoError: with each of them.
+    """
+    _refuse(robot, [each for servo in robot.servos for each in _dangers(robot, client, servo)])
+
+
+def _refuse(robot: Robot, found: list[str]) -> None:
+    """Raise a ServoError of all that was found, if anything was."""
     if len(found) == 1:
         raise ServoError(found[0])
     if found:

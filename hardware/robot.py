@@ -98,6 +98,10 @@ class Robot:
         """Return the power supply of a servo."""
         return servo.supply or self.supply
 
+    def mode_of(self, servo: Servo) -> int:
+        """Return the operating mode that a servo has once the robot is set up."""
+        return self.registers_of(servo).get("operating_mode", servo.type.position_mode)
+
     @property
     def maker(self) -> str:
         """The maker of its servos, as far as they are on one bus."""

@@ -4,11 +4,29 @@ check_robot(robot, "bench1.yaml")       # RobotError: the value, its place, what
 """
 
 import math
+import re
 
 from hardware.errors import RobotError, format_names
 from hardware.parts import Bus, Servo
 from hardware.readings import VOLTAGE_ERROR
 from hardware.robot import Robot
+from hardware.tables import ServoType
+
+BY_SETUP = "python -m hardware setup writes it"
+OWNED = {  # what `registers` may not hold, as regular expressions, and what sets it instead
+    "id": f"the servo's key id ({BY_SETUP})",
+    "baud_rate": f"bus.baud ({BY_SETUP})",
+    "return_delay_time": f"bus.return_delay ({BY_SETUP})",
+    "drive_mode|phase": "the servo's sign, or the calibration",
+    "homing_offset|angular_resolution": "the servo's zero, or the calibration",
+    "bus_watchdog": "watchdog",
+    "goal_pwm": "the servo's torque",
+    "torque_enable|goal_position|goal_velocity": "the program itself, once the robot is armed",
+    "secondary_id|protocol_type|status_return_level|startup_configuration|lock|indirect_.*": (
+        "the program itself"
+    ),
+}
+MULTI_TURN = (4, 5)  # operating modes of Dynamixels whose goals are positions, beside 3
 
 
 def check_robot(robot: Robot, place: str) -> None:
@@ -87,14 +105,34 @@ def _check_servo(robot: Robot, servo: Servo, place: str) -> None:
     if servo.torque is not None and not servo.torque > 0:
         raise RobotError(f"{place}: torque {servo.torque} N·m is not above 0; null means no limit")
     _check_effort(servo, place)
-    for name, value in robot.registers_of(servo).items():
+    _check_registers(robot, servo, place)
+    _check_supply(robot, servo, place)
+
+
+def _check_registers(robot: Robot, servo: Servo, place: str) -> None:
+    """Check what is written at each start: nothing that powers, renames or turns round a servo."""
+    kind = servo.type
+    for name, value in {**robot.registers, **servo.registers}.items():
         register = kind.register(name)
+        owner = next((owner for names, owner in OWNED.items() if re.fullmatch(names, name)), None)
+        if owner is not None:
+            raise RobotError(f"{place}: registers: {name} = {value}; leave it out: {owner} sets it")
         if not register.writable:
             raise RobotError(f"{place}: registers: {name!r} can only be read")
         low, high = register.fixed_range
-        if not low <= value <= high:
+        if not isinstance(value, int) or not low <= value <= high:
             raise RobotError(f"{place}: registers: {name} = {value}; expected {low} to {high}")
-    _check_supply(robot, servo, place)
+    mode, modes = robot.mode_of(servo), position_modes(kind)
+    if mode not in modes:
+        raise RobotError(
+            f"{place}: registers: operating_mode = {mode}; goals are positions: a {servo.model} "
+            f"takes them in {format_names(map(str, modes))}"
+        )
+
+
+def position_modes(kind: ServoType) -> list[int]:
+    """Return the operating modes in which a type's goals are positions."""
+    return [kind.position_mode, *(mode for mode in MULTI_TURN if mode in kind.modes)]
 
 
 def _check_supply(robot: Robot, servo: Servo, place: str) -> None:
@@ -118,8 +156,7 @@ def _check_range(robot: Robot, servo: Servo, place: str) -> None:
     (low, high), kind = servo.position, servo.type
     if not low < high:
         raise RobotError(f"{place}: position [{low}, {high}]: the first must be below the second")
-    mode = robot.registers_of(servo).get("operating_mode", kind.position_mode)
-    if mode != kind.position_mode:
+    if robot.mode_of(servo) != kind.position_mode:
         return  # the others count whole turns
     last = kind.units.counts_per_turn - 1
     first, end = sorted(servo.count(angle) for angle in servo.position)

@@ -97,7 +97,7 @@ def _wanted(robot: Robot, servo: Servo) -> dict[str, tuple[int, str]]:
     wanted = {
         "protocol_type": (2, "this program speaks protocol 2"),
         "secondary_id": (NO_SECOND_ID, "it would obey another servo's goals"),
-        "operating_mode": (servo.type.position_mode, "goals are positions"),
+        "operating_mode": (robot.mode_of(servo), "goals are positions"),
     }
     for name, value in robot.registers_of(servo).items():
         if servo.type.register(name).eeprom:
@@ -107,8 +107,7 @@ def _wanted(robot: Robot, servo: Servo) -> dict[str, tuple[int, str]]:
 
 def _narrow_limits(client: BusClient, robot: Robot, servo: Servo) -> list[Difference]:
     """Return the servo's own limits if they are narrower than the robot's file."""
-    single = servo.type.position_mode
-    if robot.registers_of(servo).get("operating_mode", single) != single:
+    if robot.mode_of(servo) != servo.type.position_mode:
         return []  # other modes have no such limits
     offset = 0
     if servo.type.maker == "feetech":  # its limits are of what it reports

@@ -173,8 +173,8 @@ class Watch:
 
     def _own_limits(self, i: int) -> tuple[float, float]:
         """Return between which counts a servo takes goals, as far as it says so."""
-        servo, single = self._servos[i], self._servos[i].type.position_mode
-        if self._driver.robot.registers_of(servo).get("operating_mode", single) != single:
+        servo = self._servos[i]
+        if self._driver.robot.mode_of(servo) != servo.type.position_mode:
             return -math.inf, math.inf  # other modes have no such limits
         names = ("min_position_limit", "max_position_limit")
         try:

@@ -27,6 +27,5 @@ def alone(robot: Robot, names: Iterable[str]) -> str:
 def _habit(robot: Robot, servo: Servo) -> str:
     if robot.watchdog == 0 or servo.type.maker == "feetech":
         return "has no watchdog, continues to its last goal and holds it with torque"
-    mode = robot.registers_of(servo).get("operating_mode", servo.type.position_mode)
-    ends = "lets go" if mode == CURRENT_MODE else "holds its position with torque"
+    ends = "lets go" if robot.mode_of(servo) == CURRENT_MODE else "holds its position with torque"
     return f"stops after {robot.watchdog:g} s by its watchdog, then {ends}"

@@ -139,8 +139,8 @@ CASES = {
     "11 slip": Case((Fault("slip", start=START, servo=1, value=0.3),), goal=0.0),
     # two probes of fast reads, once, at the handshake
     "13 old firmware": Case(registers={"hinge2": {"firmware_version": 40}}, bad=timeouts(2, 2, 2)),
-    # each of 9 writes to a servo: torque off, 4 registers, watchdog off, goal, watchdog, torque on
-    "13 silent writes": Case(registers=SILENT, bad=timeouts(9, 9, 9)),
+    # of 10 writes to a servo: torque off, 4 registers, torque off, watchdog, goal, watchdog, on
+    "13 silent writes": Case(registers=SILENT, bad=timeouts(10, 10, 10)),
     "14 watchdog": Case(meddle=stall, readings=20, watchdog=-1, reason="its bus watchdog tripped"),
     "17 no number": Case(meddle=nan, readings=20, reason="is not 3 finite angles"),
     "17 wild": Case(goal=1e9),

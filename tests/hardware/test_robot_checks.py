@@ -1,0 +1,107 @@
+"""A robot's file that would defeat the guard, or that no servo can follow, is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hardware.clock import VirtualClock
+from hardware.config import load_robot, make_robot
+from hardware.driver import Driver
+from hardware.emulator.loopback import LoopbackPort
+from hardware.emulator.world import EmulatedRobot
+from hardware.errors import RobotError, ServoError
+from hardware.tables import servo_type, servo_types
+from tests.hardware.conftest import bench_data
+
+
+def with_register(name: str, value: object, **servo: object) -> dict:
+    """Return the keys of bench1 with a register, in a servo with these keys."""
+    data = bench_data()
+    data["servos"]["hinge"] |= {"registers": {name: value}, **servo}
+    return data
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "place"),
+    [
+        ("torque_enable", 1, "the program itself"),
+        ("goal_position", 3000, "the program itself"),
+        ("goal_velocity", 100, "the program itself"),
+        ("goal_pwm", 300, "the servo's torque sets it"),
+        ("drive_mode", 1, "the servo's sign"),
+        ("homing_offset", 500, "calibration"),
+        ("id", 5, "the servo's key id"),
+        ("secondary_id", 2, "the program itself"),
+        ("baud_rate", 1, "bus.baud"),
+        ("return_delay_time", 250, "bus.return_delay"),
+        ("bus_watchdog", 0, "watchdog sets it"),
+        ("protocol_type", 2, "the program itself"),
+        ("status_return_level", 1, "the program itself"),
+        ("startup_configuration", 1, "the program itself"),
+        ("indirect_address_1", 64, "the program itself"),
+        ("indirect_data_1", 1, "the program itself"),
+    ],
+)
+def test_registers_that_the_program_owns_are_refused(name, value, place):
+    """In `registers` of the robot or of a servo: the register, its value, and who sets it."""
+    for data in (with_register(name, value), bench_data(registers={name: value})):
+        with pytest.raises(RobotError, match=rf"hinge: registers: {name} = {value}; .*{place}"):
+            make_robot(data)
+
+
+@pytest.mark.parametrize(
+    "name", ["torque_enable", "goal_position", "id", "baud_rate", "homing_offset", "phase", "lock"]
+)
+def test_feetech_registers_that_the_program_owns_are_refused(name):
+    """A Feetech servo has its own names for some of them."""
+    data = bench_data(registers={name: 1}, watchdog=0, supply={"voltage": 7.4})
+    data["servos"]["hinge"] |= {"model": "sts3215", "velocity": 4.0}
+    with pytest.raises(RobotError, match=rf"registers: {name} = 1; leave it out"):
+        make_robot(data)
+
+
+@pytest.mark.parametrize("model", servo_types())
+def test_no_type_has_another_name_for_its_torque_id_or_goal(model):
+    """What every type calls its torque, ID, speed and goals is what is refused."""
+    assert {"torque_enable", "id", "baud_rate", "goal_position"} <= servo_type(
+        model
+    ).registers.keys()
+
+
+@pytest.mark.parametrize("mode", [0, 1, 16])
+def test_modes_without_positions_are_refused(mode):
+    """Current, velocity and PWM mode: goals would be no positions."""
+    with pytest.raises(RobotError, match=rf"operating_mode = {mode}; goals are pos.*'3', '4', '5'"):
+        make_robot(with_register("operating_mode", mode))
+    assert make_robot(with_register("operating_mode", 5))
+
+
+@pytest.mark.parametrize("value", ["high", 800.5, None])
+def test_registers_hold_whole_numbers(value):
+    """Anything else is one sentence."""
+    with pytest.raises(RobotError, match=rf"position_p_gain = {value}; expected 0 to 16383"):
+        make_robot(with_register("position_p_gain", value))
+
+
+@pytest.mark.parametrize(
+    ("registers", "message"),
+    [
+        ({"torque_enable": 1}, None),
+        ({"drive_mode": 1}, "drive mode 1"),
+        ({"led": 9}, "refuses led"),
+    ],
+)
+def test_configuring_leaves_torque_off_whatever_it_writes(registers, message):
+    """A robot that no file described: its settings are checked after writing, torque is off."""
+    robot = replace(load_robot("bench1"), registers=registers)
+    world, clock = EmulatedRobot(load_robot("bench1")), VirtualClock()
+    driver = Driver(robot, LoopbackPort(world, clock), clock)
+    driver.connect()
+    if message is None:
+        driver.configure()
+    else:
+        with pytest.raises(ServoError, match=message):
+            driver.configure()
+    assert not np.any(world.firmware.torque_on)
+    assert driver.powered == set()
