@@ -17,6 +17,7 @@ from hardware.clock import RealClock
 from hardware.config import NO_MODEL, Robot
 from hardware.connect import DRIVERS
 from hardware.errors import ServoError, format_names
+from hardware.handshake import several
 from hardware.parts import BusSettings, Servo, Supply
 from hardware.scan import DetectedServo, scan
 from hardware.serial_ports import latency_timer
@@ -68,6 +69,8 @@ def robot_of(found: Sequence[DetectedServo], port: str | None) -> Robot:
             f"{format_names(map(str, found))}; give robot="
         )
     for servo in found:
+        if servo.shared:
+            raise ServoError(f"{port}: {several(servo.id)}")
         if servo.model not in servo_types():
             raise ServoError(f"{port}: servo {servo.id} is {servo.model}, which is not supported")
     servos = tuple(detected_servo(f"servo{each.id}", each) for each in found)

@@ -58,11 +58,10 @@ def check_servos(robot: Robot, client: BusClient) -> None:
     """
     missing, found = [], []
     for servo in robot.servos:
-        replies = _pinged(client, servo.id)
+        replies = pinged(client, servo.id)
         if not replies:
             missing.append(servo)
-        elif 2 * sum(len(reply) > 1 for reply in replies) > len(replies):
-            # one alone may be a late answer
+        elif are_several(replies):
             found.append(
                 f"several servos answer as {servo.id} ({servo.name}); connect them one by one "
                 "and give each an ID of its own"
@@ -93,7 +92,7 @@ def _refuse(robot: Robot, found: list[str]) -> None:
         raise ServoError(f"{robot.name}: {len(found)} differences from its file:{lines}")
 
 
-def _pinged(client: BusClient, number: int) -> list[list[Reply]]:
+def pinged(client: BusClient, number: int) -> list[list[Reply]]:
     """Return the answers to several pings; what is odd is asked again with more patience.
 
     On a busy machine an answer may come after the next question, and look like another servo's.
@@ -103,6 +102,29 @@ def _pinged(client: BusClient, number: int) -> list[list[Reply]]:
         with client.more_patient():
             replies = [client.ping(number) for _ in range(RETRIES)]
     return [each for each in replies if each]
+
+
+def are_several(replies: list[list[Reply]]) -> bool:
+    """Say whether more than one servo answered most pings; one answer alone may be a late one."""
+    return 2 * sum(len(each) > 1 for each in replies) > len(replies)
+
+
+def check_alone(client: BusClient, number: int) -> None:
+    """Refuse to write for good under an ID that not exactly one servo has.
+
+    Raises:
+        ServoError: none or several answer.
+    """
+    replies = pinged(client, number)
+    if not replies:
+        raise ServoError(f"no servo answers as {number}; check cable and supply")
+    if are_several(replies):
+        raise ServoError(several(number))
+
+
+def several(number: int) -> str:
+    """Say that servos share an ID, and what to do."""
+    return f"several servos answer as {number}; connect one only"
 
 
 def _other_model(servo: Servo, number: int) -> list[str]:
@@ -140,7 +162,7 @@ def _where_are(robot: Robot, client: BusClient, missing: list[Servo]) -> str:
             continue
         try:
             client.open(speed)
-            there = [str(servo.id) for servo in missing if client.ping(servo.id)]
+            there = [str(servo.id) for servo in missing if pinged(client, servo.id)]
         except SerialPortError:
             continue
         if there:

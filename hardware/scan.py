@@ -9,20 +9,21 @@ from typing import NamedTuple
 
 from hardware.bus_client import BusClient
 from hardware.errors import SerialPortError
-from hardware.handshake import SPEEDS_OF
+from hardware.handshake import SPEEDS_OF, are_several, pinged, several
 from hardware.tables import servo_by_number
 
 ALL_SPEEDS = {"dynamixel": (9600, *SPEEDS_OF["dynamixel"]), "feetech": SPEEDS_OF["feetech"]}
 
 
 class DetectedServo(NamedTuple):
-    """A servo that answered."""
+    """A servo that answered, or several that share an ID."""
 
     baud: int
     id: int
     number: int  # of its model
     firmware: int
     maker: str = "dynamixel"
+    shared: bool = False  # whether several answer
 
     @property
     def model(self) -> str:
@@ -30,7 +31,8 @@ class DetectedServo(NamedTuple):
         return servo_by_number(self.number, self.maker) or f"model number {self.number}"
 
     def __str__(self) -> str:
-        return f"{self.baud:>8} bits/s  ID {self.id:>3}  {self.model}  firmware {self.firmware}"
+        line = f"{self.baud:>8} bits/s  ID {self.id:>3}  {self.model}  firmware {self.firmware}"
+        return f"{line}: {several(self.id)}" if self.shared else line
 
 
 def scan(client: BusClient, maker: str = "dynamixel") -> Iterator[DetectedServo]:
@@ -49,6 +51,7 @@ def scan(client: BusClient, maker: str = "dynamixel") -> Iterator[DetectedServo]
             continue
         opened = True
         for number, (model, firmware) in sorted(client.broadcast_ping().items()):
-            yield DetectedServo(baud, number, model, firmware, maker)
+            shared = len(client.ping(number)) > 1 and are_several(pinged(client, number))
+            yield DetectedServo(baud, number, model, firmware, maker, shared)
     if refused is not None and not opened:
         raise refused

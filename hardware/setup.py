@@ -14,7 +14,7 @@ from hardware.bus_client import BusClient
 from hardware.command_line import UsageError
 from hardware.config import Robot, Servo
 from hardware.errors import HardwareError, ServoError, format_names
-from hardware.handshake import RETRIES
+from hardware.handshake import are_several, check_alone, pinged, several
 from hardware.registers import write_register
 from hardware.scan import DetectedServo, scan
 from hardware.settings import Difference, differences
@@ -57,7 +57,7 @@ def _maker(robot: Robot) -> str:
 def _place(servo: Servo, found: Sequence[DetectedServo]) -> DetectedServo | None:
     """Return where a servo answers by its ID; None if nowhere, or in several places."""
     places = [f for f in found if f.id == servo.id and f.number == servo.type.number]
-    return places[0] if len(places) == 1 else None
+    return places[0] if len(places) == 1 and not places[0].shared else None
 
 
 def _alone(robot: Robot, client: BusClient, servo: Servo, ask: Ask, tell: Tell) -> DetectedServo:
@@ -81,11 +81,9 @@ def _alone(robot: Robot, client: BusClient, servo: Servo, ask: Ask, tell: Tell) 
         ]
         strange = found if len(found) == 1 else others  # alone it may have another one's ID
         if len(strange) == 1 and strange[0].number == servo.type.number:
-            client.open(strange[0].baud)
-            alone = len(client.ping(strange[0].id)) == 1
-            if alone:
+            if not strange[0].shared:
                 return strange[0]
-            tell(f"several servos answer as {strange[0].id}; connect one of them only")
+            tell(several(strange[0].id))
             continue
         tell(f"this needs one new {servo.model}; found: {format_names(map(str, strange))}")
 
@@ -171,9 +169,11 @@ def write_settings(
         baud: the speed at which it will answer.
 
     Raises:
-        ServoError: the servo refuses, or does not answer afterwards.
+        ServoError: several servos have its ID, before or afterwards; it refuses, or does not answer
+            afterwards.
     """
     client.open(found.baud)
+    check_alone(client, found.id)
     now = replace(servo, id=found.id)
     write_register(client, now, "torque_enable", 0)
     if "lock" in servo.type.registers:  # what is written while it is set is lost with the supply
@@ -187,7 +187,10 @@ def write_settings(
             client.write(now.id, register.address, register.encode(change.wanted))
             now = servo if change.register == "id" else now
     client.open(baud)
-    if not any(len(client.ping(servo.id)) == 1 for _ in range(RETRIES)):
+    replies = pinged(client, servo.id)
+    if are_several(replies):
+        raise ServoError(several(servo.id))
+    if not replies:
         raise ServoError(
             f"servo {servo.id} ({servo.name}) does not answer at its new ID and speed; "
             "python -m hardware scan port=... finds it"

@@ -15,6 +15,7 @@ from hardware.connect import DRIVERS
 from hardware.detected import client_of, detected_servo
 from hardware.driver import Driver
 from hardware.errors import HardwareError, SerialPortError, ServoError, format_names
+from hardware.handshake import several
 from hardware.registers import write_register
 from hardware.scan import ALL_SPEEDS, DetectedServo, scan
 from hardware.tables import servo_types
@@ -123,6 +124,8 @@ def _confirmed(client: BusClient, found: DetectedServo, tell: Tell) -> list[str]
     name = f"ID {found.id} at {found.baud} bits/s"
     if found.model not in servo_types():
         return [f"{name} ({found.model} is not supported)"]
+    if found.shared:
+        return [f"{name} ({several(found.id)})"]
     try:
         write_register(client, detected_servo(name, found), "torque_enable", 0)
     except HardwareError as error:

@@ -99,7 +99,7 @@ def actuators(model: Path) -> list[str]:
 def _with_ids(names: Sequence[str], port: str, ask: Ask, tell: Tell) -> Robot:
     """Return the robot of the servos at a port once each has an ID of its own and one speed."""
     found = _seen(port, tell)
-    if len(found) != len(names):
+    if len(found) != len(names) or any(servo.shared for servo in found):
         found = _one_by_one(names, port, ask, tell)
     draft = robot_of(found, port)
     draft = replace(draft, bus=BusSettings(BAUD, 0.0, draft.bus.latency))
@@ -136,9 +136,9 @@ def _wait_for(
     while True:
         ask(f"{what}, then press Enter ")
         found = _seen(port, tell, makers)
-        if len(found) == count:
+        if len(found) == count and not any(servo.shared for servo in found):
             return found
-        tell(f"{len(found)} servos answer; this needs {count}")
+        tell(f"{len(found)} IDs answer; this needs {count} servos, each with its own")
 
 
 def _give_id(servo: Servo, found: DetectedServo, port: str, ask: Ask, tell: Tell) -> None:

@@ -10,8 +10,9 @@ from hardware.driver import Driver
 from hardware.emulator.loopback import LoopbackPort
 from hardware.emulator.world import EmulatedRobot
 from hardware.errors import HardwareError, ServoError
-from hardware.scan import scan
-from hardware.setup import set_up
+from hardware.scan import DetectedServo, scan
+from hardware.settings import Difference
+from hardware.setup import set_up, write_settings
 
 FACTORY = {"id": 1, "baud_rate": 1, "return_delay_time": 250}
 
@@ -117,7 +118,32 @@ def test_two_new_servos_at_once_are_told_apart_by_connecting_one(chain):
     bench = Bench(chain(3), registers, answers, connected=(0,))
     bench.go()
     assert [s.id for s in bench.world.servos] == [1, 2, 3]
-    assert "several servos answer as 1; connect one of them only" in bench.told
+    assert "several servos answer as 1; connect one only" in bench.told
+
+
+def test_an_id_of_the_file_that_two_servos_have_is_not_written_to(chain):
+    """Two servos answer as ID 1, which the file has: each is asked for alone."""
+    registers = {"hinge1": {"drive_mode": 1}, "hinge2": {"id": 1, "drive_mode": 1}}
+    bench = Bench(chain(3), registers, [(0,), "y", (1,), "y", (0, 1, 2)])
+    bench.go()
+    assert [s.id for s in bench.world.servos] == [1, 2, 3]
+    assert bench.asked[0].startswith("servo 1 (hinge1) is missing; connect it alone")
+    assert "ID   1  xl330-m288  firmware 52: several servos answer as 1" in bench.told[0]
+
+
+@pytest.mark.parametrize("moment", ["before", "after"])
+def test_settings_are_written_to_one_servo_only(chain, moment):
+    """Another servo with the ID that is written to, or with the one it gets: no silent success."""
+    robot = chain(2)
+    twin = {"before": 1, "after": 2}[moment]
+    bench = Bench(robot, {"hinge2": {"id": twin}}, connected=(0, 1))
+    servo = robot.servos[1]
+    found = DetectedServo(1_000_000, 1, servo.type.number, 52)
+    change = Difference(servo, "id", 1, 2, "each servo needs its own ID")
+    before = bench.memory()
+    with pytest.raises(ServoError, match=rf"^several servos answer as {twin}; connect one only$"):
+        write_settings(bench.client, servo, found, [change], 1_000_000)
+    assert (bench.memory() == before) == (moment == "before")
 
 
 def test_another_type_is_not_written_to(chain):
@@ -160,6 +186,14 @@ def test_all_offenders_are_refused_at_once(chain):
     ):
         assert word in message
     assert message.count("python -m hardware setup") == 3
+
+
+def test_scan_says_that_servos_share_an_id(chain):
+    """Two healthy servos of one ID are one line, which says so; the third is as ever."""
+    bench = Bench(chain(3), {"hinge2": {"id": 1}})
+    first, third = scan(bench.client)
+    assert (first.id, first.shared, third.id, third.shared) == (1, True, 3, False)
+    assert str(first).endswith("firmware 52: several servos answer as 1; connect one only")
 
 
 def test_scan_finds_every_servo_at_every_speed(chain):

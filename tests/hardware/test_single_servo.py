@@ -49,6 +49,15 @@ def test_write(world, capsys):
     assert world().servos[1].id == 7
 
 
+def test_eeprom_of_two_servos_with_one_id_is_not_written(world, capsys):
+    """An ID that two servos answer is refused, and both keep theirs."""
+    assert commands.main(["read", "robot=arm2", "servo=elbow", "register=id"]) == 0
+    world().servos[0].memory["id"] = 2
+    assert commands.main(["write", "robot=arm2", "servo=elbow", "register=id", "value=7"]) == 1
+    assert "several servos answer as 2; connect one only" in capsys.readouterr().err
+    assert [servo.id for servo in world().servos] == [2, 2]
+
+
 def test_a_servo_with_torque_is_not_written_to(world, capsys):
     """It may move: only with arm=true, and torque itself has its own verb."""
     assert commands.main(["read", "robot=arm2", "servo=elbow", "register=id"]) == 0

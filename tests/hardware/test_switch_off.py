@@ -107,6 +107,14 @@ def test_an_unknown_type_keeps_no_other_servo_powered(port, capsys):
     assert "may still be on: ID 3 at 1000000 bits/s (model number 999" in capsys.readouterr().err
 
 
+def test_servos_that_share_an_id_have_not_confirmed(port, capsys):
+    """Two servos answer as 1: both are off, but no answer says of which one it is."""
+    world = port(hinge2={"id": 1})
+    assert commands.main(["torque", "port=/dev/x"]) == 1
+    assert not world.firmware.torque_on.any()
+    assert "ID 1 at 1000000 bits/s (several servos answer as 1" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("moment", ["scan", "write_register"])
 def test_ctrl_c_after_the_broadcast_finds_torque_off(port, monkeypatch, capsys, moment):
     """Torque-off is broadcast before anything is looked for; the status is not that of success."""

@@ -6,6 +6,7 @@ The numbers are those of the list in benchmarks/notebook/servos.md.
 import numpy as np
 import pytest
 
+from hardware.clock import VirtualClock
 from hardware.emulator.faults import Fault
 from hardware.errors import SafetyError, ServoError
 from tests.hardware.rig import START, wave
@@ -127,3 +128,11 @@ def test_05_two_servos_of_one_id(rig):
     """Two servos of one ID are refused before torque goes on."""
     with pytest.raises(ServoError, match="several servos answer as 1"):
         rig(registers={"hinge2": {"id": 1}})
+
+
+@pytest.mark.parametrize("times", [1, 4])
+def test_a_servo_at_another_speed_is_found_on_a_busy_machine(rig, times):
+    """Its answers come later than usual, as on a busy machine: the speed is named all the same."""
+    late = Fault("late", servo=3, value=times * VirtualClock.jitter)
+    with pytest.raises(ServoError, match=r"'3 \(hinge3\)'; found: 3 at 57600 bits/s"):
+        rig(late, registers={"hinge3": {"baud_rate": 1}})
