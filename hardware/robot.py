@@ -6,6 +6,7 @@ robot.servo("hinge").id, robot.parts(), robot.at("/dev/ttyUSB0")
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from hardware.errors import RobotError, did_you_mean, format_names
 from hardware.parts import Bus, BusSettings, Imu, Servo, Supply
 
 PORT = "give a port such as /dev/ttyUSB0, or leave it out for the emulated robot"
+WATCHDOG_STEP = 0.02  # s, the unit of the watchdog's register
 LIMITING = {"dynamixel": "goal_pwm", "feetech": "torque_limit"}  # registers that limit the duty
 
 
@@ -101,6 +103,11 @@ class Robot:
     def mode_of(self, servo: Servo) -> int:
         """Return the operating mode that a servo has once the robot is set up."""
         return self.registers_of(servo).get("operating_mode", servo.type.position_mode)
+
+    @property
+    def watchdog_steps(self) -> int:
+        """The watchdog in steps of 20 ms, rounded up; 0 for none."""
+        return math.ceil(round(self.watchdog / WATCHDOG_STEP, 6))
 
     @property
     def maker(self) -> str:

@@ -9,7 +9,7 @@ import re
 from hardware.errors import RobotError, format_names
 from hardware.parts import Bus, Servo
 from hardware.readings import VOLTAGE_ERROR
-from hardware.robot import Robot
+from hardware.robot import WATCHDOG_STEP, Robot
 from hardware.tables import ServoType
 
 BY_SETUP = "python -m hardware setup writes it"
@@ -26,6 +26,8 @@ OWNED = {  # what `registers` may not hold, as regular expressions, and what set
         "the program itself"
     ),
 }
+IN_RAD = "angles are in rad"
+LONGEST_WATCHDOG = 127  # steps
 MULTI_TURN = (4, 5)  # operating modes of Dynamixels whose goals are positions, beside 3
 
 
@@ -45,18 +47,25 @@ def check_robot(robot: Robot, place: str) -> None:
         _check_servo(robot, servo, f"{place}: servos.{servo.name}")
     for part in robot.parts():
         _check_bus(part, place)
-    positive = {"rate": robot.rate, "max_step": robot.max_step}
-    for key, value in positive.items():
-        if not value > 0:
-            raise RobotError(f"{place}: {key}: {value} is not above 0")
+    if not robot.rate > 0:
+        raise RobotError(f"{place}: rate: {robot.rate} is not above 0")
+    widest = max(high - low for low, high in (servo.position for servo in robot.servos))
+    if not 0 < robot.max_step <= widest:
+        raise RobotError(
+            f"{place}: max_step: {robot.max_step:g}; it is above 0, at most {widest:g}, the "
+            f"largest travel of a joint; {IN_RAD}"
+        )
     at_least_0 = {"command_delay": robot.command_delay, "reading_age": robot.reading_age}
     for key, value in at_least_0.items():
         if not value >= 0:
             raise RobotError(f"{place}: {key}: {value} is below 0")
     if {servo.type.maker for servo in robot.servos} == {"feetech"} and robot.watchdog:
         raise RobotError(f"{place}: watchdog: {robot.watchdog} s; Feetech servos have none: give 0")
-    if not 0 <= robot.watchdog <= 2.54:
-        raise RobotError(f"{place}: watchdog: {robot.watchdog} s; expected 0 (off) to 2.54 s")
+    least, most = WATCHDOG_STEP, WATCHDOG_STEP * LONGEST_WATCHDOG
+    if robot.watchdog and not least <= robot.watchdog <= most:
+        raise RobotError(
+            f"{place}: watchdog: {robot.watchdog} s; expected 0 (off), or {least:g} to {most:g} s"
+        )
 
 
 def _check_bus(part: Robot, place: str) -> None:
@@ -100,8 +109,13 @@ def _check_servo(robot: Robot, servo: Servo, place: str) -> None:
             "counts, and the zero is within two turns"
         )
     _check_range(robot, servo, place)
-    if not servo.velocity > 0:
-        raise RobotError(f"{place}: velocity {servo.velocity} rad/s is not above 0")
+    volts = robot.supply_of(servo).voltage
+    fastest = volts / kind.torque_constant
+    if not 0 < servo.velocity <= fastest:
+        raise RobotError(
+            f"{place}: velocity {servo.velocity:g} rad/s; it is above 0, at most {fastest:.1f}, "
+            f"the speed of a {servo.model} at {volts:g} V without load; {IN_RAD}"
+        )
     if servo.torque is not None and not servo.torque > 0:
         raise RobotError(f"{place}: torque {servo.torque} N·m is not above 0; null means no limit")
     _check_effort(servo, place)
@@ -152,20 +166,33 @@ def _check_supply(robot: Robot, servo: Servo, place: str) -> None:
 
 
 def _check_range(robot: Robot, servo: Servo, place: str) -> None:
-    """Check that the encoder has the counts of the angles that are commanded."""
-    (low, high), kind = servo.position, servo.type
+    """Check that the servo takes goals at the angles that are commanded."""
+    low, high = servo.position
     if not low < high:
         raise RobotError(f"{place}: position [{low}, {high}]: the first must be below the second")
-    if robot.mode_of(servo) != kind.position_mode:
-        return  # the others count whole turns
-    last = kind.units.counts_per_turn - 1
-    first, end = sorted(servo.count(angle) for angle in servo.position)
-    shift = first if kind.maker == "feetech" else 0  # what its own homing offset can take off
-    if not 0 <= first - shift <= end - shift <= last:
+    beyond = beyond_goals(robot, servo)
+    if beyond is not None:
         raise RobotError(
-            f"{place}: position [{low:g}, {high:g}] is {first} to {end} counts (zero "
-            f"{servo.zero:g}), and a {servo.model} takes 0 to {last}: narrow it or correct the zero"
+            f"{place}: position [{low:g}, {high:g}] {beyond}: narrow it or correct the zero; "
+            f"{IN_RAD}"
         )
+
+
+def beyond_goals(robot: Robot, servo: Servo) -> str | None:
+    """Say which counts a servo's angles have, if it does not take goals at all of them."""
+    kind = servo.type
+    first, end = sorted(servo.count(angle) for angle in servo.position)
+    if robot.mode_of(servo) != kind.position_mode:  # it counts whole turns
+        least, most = kind.register("goal_position").fixed_range
+    else:
+        least, most = 0, kind.units.counts_per_turn - 1
+    shift = first if kind.maker == "feetech" else 0  # what its own homing offset can take off
+    if least <= first - shift <= end - shift <= most:
+        return None
+    return (
+        f"is {first} to {end} counts (zero {servo.zero:g}), and a {servo.model} takes {least} to "
+        f"{most}"
+    )
 
 
 def _check_effort(servo: Servo, place: str) -> None:

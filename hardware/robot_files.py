@@ -40,14 +40,28 @@ def find_robot(name_or_path: str | Path) -> Path:
     return path
 
 
+class UniqueKeys(yaml.SafeLoader):
+    """YAML whose tables have each key once; the last of two would count otherwise."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """Return a table; raises yaml.YAMLError with the line of a key that is there again."""
+        seen = set()
+        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+            if key.value in seen:
+                line = key.start_mark.line + 1
+                raise yaml.YAMLError(f"line {line}: the key {key.value!r} is there twice; keep one")
+            seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
 def read_robot(path: Path) -> dict[str, Any]:
     """Return the content of a robot's file; a model next to it is named by its path.
 
     Raises:
-        RobotError: it is not YAML, or not a table.
+        RobotError: it is not YAML, has a key twice, or is not a table.
     """
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+        data = yaml.load(path.read_text(encoding="utf-8"), UniqueKeys)
     except (OSError, ValueError, yaml.YAMLError) as error:
         raise RobotError(f"{path}: cannot be read as YAML: {error}") from None
     data = dict(mapping(data, str(path)))

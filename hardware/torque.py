@@ -78,7 +78,7 @@ class Torque:
         self.set_watchdogs(0)
         for servo, goal in zip(self.robot.servos, goals.tolist(), strict=True):
             self.write_register(servo, "goal_position", goal)
-        self.set_watchdogs(round(self.robot.watchdog / 0.02))
+        self.set_watchdogs(self.robot.watchdog_steps)
         for servo in self.robot.servos:
             self.mark_powered(servo)
             try:

@@ -3,6 +3,7 @@
 typed_fields(Supply, {"voltage": 5, "resistance": 0.0}, "bench1.yaml: supply")
 """
 
+import math
 import types
 import typing
 from collections.abc import Mapping
@@ -48,6 +49,8 @@ def _typed(value: Any, wanted: Any, place: str) -> Any:
     if value is None and types.NoneType in options:
         return None
     if float in options and isinstance(value, int | float) and not isinstance(value, bool):
+        if not math.isfinite(value):
+            raise RobotError(f"{place}: {value} is not a finite number")
         return float(value)
     if int in options and isinstance(value, int) and not isinstance(value, bool):
         return value

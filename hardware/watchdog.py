@@ -11,6 +11,7 @@ from collections.abc import Iterable
 
 from hardware.config import Robot, Servo
 from hardware.errors import format_names
+from hardware.robot import WATCHDOG_STEP
 
 CURRENT_MODE = 0  # operating mode; the others hold or brake
 
@@ -28,4 +29,4 @@ def _habit(robot: Robot, servo: Servo) -> str:
     if robot.watchdog == 0 or servo.type.maker == "feetech":
         return "has no watchdog, continues to its last goal and holds it with torque"
     ends = "lets go" if robot.mode_of(servo) == CURRENT_MODE else "holds its position with torque"
-    return f"stops after {robot.watchdog:g} s by its watchdog, then {ends}"
+    return f"stops after {robot.watchdog_steps * WATCHDOG_STEP:g} s by its watchdog, then {ends}"

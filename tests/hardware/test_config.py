@@ -73,7 +73,17 @@ def test_counts_and_angles_are_inverse():
         (("servo",), 8.0, r"servo: 8.0 is not a table"),
         (("registers", "position_gain"), 1, r"no register 'position_gain' \(did you mean"),
         (("registers", "present_position"), 1, r"'present_position' can only be read"),
-        (("watchdog",), 3, r"watchdog: 3.0 s; expected 0 \(off\) to 2.54"),
+        (("watchdog",), 3, r"watchdog: 3.0 s; expected 0 \(off\), or 0.02 to 2.54 s"),
+        (("watchdog",), 0.01, r"watchdog: 0.01 s; expected 0 \(off\), or 0.02 to 2.54 s"),
+        (("max_step",), 20, r"max_step: 20; .* at most 4, .*angles are in rad"),
+        (("max_step",), float("inf"), r"max_step: inf is not a finite number"),
+        (("servos", "hinge", "velocity"), 360, r"360 rad/s; .* at most 13.0, .*angles are in rad"),
+        (("servos", "hinge", "position"), [float("-inf"), 1], r"position: -inf is not a finite"),
+        (
+            ("servos", "hinge", "position"),
+            [-115, 115],
+            r"is -72920 to 77016 counts .* angles are in rad",
+        ),
     ],
 )
 def test_refuses(path, value, message):
@@ -98,3 +108,21 @@ def test_missing_key_duplicate_id_and_unknown_robot():
         make_robot(data)
     with pytest.raises(RobotError, match=r"unknown robot 'bench' \(did you mean 'bench1'"):
         load_robot("bench")
+
+
+@pytest.mark.parametrize(
+    ("key", "again", "line"),
+    [
+        ("    id: 1", "    id: 2", 5),
+        ("  hinge:", "  hinge: {id: 3}", 4),
+        ("name: bench1", "name: a", 2),
+    ],
+)
+def test_a_key_that_is_there_twice_is_refused(tmp_path, key, again, line):
+    """The last of two would count: the file is refused with the line of the second."""
+    text = "name: bench1\nservos:\n  hinge:\n    id: 1\n"
+    path = tmp_path / "twice.yaml"
+    path.write_text(text.replace(key, f"{again}\n{key}", 1))
+    name = key.split(":")[0].strip()
+    with pytest.raises(RobotError, match=rf"line {line}: the key '{name}' is there twice; keep"):
+        load_robot(path)

@@ -105,3 +105,10 @@ def test_configuring_leaves_torque_off_whatever_it_writes(registers, message):
             driver.configure()
     assert not np.any(world.firmware.torque_on)
     assert driver.powered == set()
+
+
+def test_a_multi_turn_servo_reaches_what_its_goal_register_holds():
+    """256 turns either way; a travel beyond them is refused."""
+    assert make_robot(with_register("operating_mode", 4, position=[-10, 10]))
+    with pytest.raises(RobotError, match=r"takes -1048575 to 1048575: narrow it .* in rad"):
+        make_robot(with_register("operating_mode", 4, position=[-2000, 10]))

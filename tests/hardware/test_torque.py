@@ -76,7 +76,10 @@ def test_a_signal_is_acted_on_though_its_torque_off_failed(rig, absence):
     assert ending.value.code == 128 + signal.SIGTERM
 
 
-@pytest.mark.parametrize(("watchdog", "words"), [(0.1, "stops after 0.1 s"), (0.0, "no watchdog")])
+@pytest.mark.parametrize(
+    ("watchdog", "words"),
+    [(0.1, "stops after 0.1 s"), (0.03, "stops after 0.04 s"), (0.0, "no watchdog")],
+)
 def test_the_last_words_say_who_may_be_powered(rig, chain, absence, caplog, watchdog, words):
     """Where the bus stays away the servos are named, and what they do alone; arming said it."""
     r = rig(robot=chain(3, watchdog=watchdog))
