@@ -7,13 +7,15 @@ While a person moves a joint it is read again and again, so that joints which tu
 turn, or over the seam of their encoder, are followed.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from hardware.calibration import SEAM
 from hardware.command_line import UsageError
 from hardware.driver import Driver
-from hardware.errors import SerialPortError, format_names
+from hardware.errors import RobotError, SerialPortError, format_names
 from hardware.terminal import Ask
 
 SETTLE = 0.05  # s before the reading that counts
@@ -66,7 +68,11 @@ class HandMeasurement:
         return float(reading.position[i])
 
     def measure(self, i: int, name: str | None = None) -> Travel:
-        """Ask for the ends, the zero and the direction of a joint; raises as `where`.
+        """Ask for the ends, the zero and the direction of a joint.
+
+        Raises:
+            UsageError, SerialPortError: as `where`.
+            RobotError: the joint's servo counts within one turn, and the travel is not within it.
 
         Args:
             i: the joint's number in the robot.
@@ -77,11 +83,23 @@ class HandMeasurement:
             self.where(f"move {name} to {place}, then press Enter ", i)
             for place in ("one end of its range", "the other end")
         ]
+        self._check_seam(i, ends, name)
         zero = self.where(f"move {name} to its zero, then press Enter ", i)
         up = zero
         while abs(up - zero) < LEAST:
             up = self.where(f"move {name} a little to where its angle grows, then press Enter ", i)
         return Travel(min(ends), max(ends), zero, -1 if up < zero else 1)
+
+    def _check_seam(self, i: int, ends: Sequence[float], name: str) -> None:
+        robot = self._driver.robot
+        servo, whole = robot.servos[i], np.ones(len(robot.servos))
+        goals = [int(self._driver.counts(end * whole)[i]) for end in ends]
+        last = servo.type.units.counts_per_turn - 1
+        if (
+            robot.mode_of(servo) == servo.type.position_mode
+            and not 0 <= min(goals) <= max(goals) <= last
+        ):
+            raise RobotError(f"{name}: from {min(goals)} to {max(goals)} of 0 to {last}: {SEAM}")
 
     def which(self, name: str, left: list[int]) -> int:
         """Ask for one joint to be moved, and return which of these servos moved.

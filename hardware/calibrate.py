@@ -6,6 +6,7 @@ from hardware.by_hand import HandMeasurement
 from hardware.calibration import Calibration, Joint, apply_calibration, write_calibration
 from hardware.connect import patient
 from hardware.driver import Driver
+from hardware.files import check_new
 from hardware.terminal import Ask, Tell
 
 
@@ -14,9 +15,11 @@ def calibrate(driver: Driver, path: Path, ask: Ask, tell: Tell) -> None:
 
     Raises:
         UsageError: nobody answers, or it was interrupted; nothing was written.
-        RobotError: what was shown has nothing in common with the robot's limits.
+        RobotError: the file is there already or cannot be made; what was shown has nothing in
+            common with the robot's limits, or crosses an encoder's seam.
         HardwareError: see `Driver.connect`.
     """
+    check_new(path)
     robot, joints = driver.robot, {}
     driver.connect()
     driver.torque_off()

@@ -30,8 +30,10 @@ from typing import Any
 from hardware.config import Robot
 from hardware.errors import RobotError, did_you_mean, format_names
 from hardware.files import atomic_write
+from hardware.robot_checks import beyond_goals
 
 SCHEMA = 2
+SEAM = "the encoder's seam lies inside the travel; remount the horn, then calibrate again"
 HALF_TURN = 2048  # counts, the zero that the offsets of schema 1 are relative to
 
 
@@ -78,7 +80,8 @@ def apply_calibration(robot: Robot, calibration: Calibration) -> Robot:
     """Return the robot with the calibration's signs and zeros, and limits within both.
 
     Raises:
-        RobotError: it is another robot's: other names, IDs or servo types.
+        RobotError: it is another robot's: other names, IDs or servo types; or a joint travels over
+            its encoder's seam.
     """
     if calibration.robot not in (None, robot.name):
         raise RobotError(
@@ -118,6 +121,9 @@ def apply_calibration(robot: Robot, calibration: Calibration) -> Robot:
                 f"robot's {list(servo.position)} do not overlap"
             )
         servos.append(replace(turned, position=(low, high)))
+        beyond = beyond_goals(robot, servos[-1])
+        if beyond is not None:
+            raise RobotError(f"{servo.name!r}: its calibrated travel {beyond}: {SEAM}")
     return replace(robot, servos=tuple(servos))
 
 

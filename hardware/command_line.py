@@ -4,6 +4,7 @@ keys = parse_keys("scan", ["robot=bench1", "port=/dev/ttyUSB0"], {"scan": ("robo
 number(keys, "seconds", 10.0)
 """
 
+import math
 from collections.abc import Mapping, Sequence
 
 from hardware.errors import HardwareError, did_you_mean, format_names
@@ -49,11 +50,16 @@ def required(keys: Keys, key: str, why: str) -> str:
 
 
 def number(keys: Keys, key: str, default: float) -> float:
-    """Return a number; raises UsageError if it is none."""
+    """Return a number; raises UsageError if it is none, or not finite."""
+    if key not in keys:
+        return default
     try:
-        return float(keys.get(key, default))
+        value = float(keys[key])
     except ValueError:
         raise UsageError(f"{key}={keys[key]} is not a number") from None
+    if not math.isfinite(value):
+        raise UsageError(f"{key}={keys[key]} is not a finite number")
+    return value
 
 
 def yes_or_no(keys: Keys, key: str, default: bool) -> bool:

@@ -5,6 +5,25 @@ import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
+
+from hardware.errors import RobotError
+
+
+def check_new(path: Path) -> None:
+    """Refuse to make a file that is there already, or where none can be; makes its folder.
+
+    Raises:
+        RobotError: with the reason.
+    """
+    if path.exists():
+        raise RobotError(f"{path} exists; choose another name, or remove it")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise RobotError(f"{path}: no file can be made there: {error.strerror}") from None
 
 
 @contextmanager

@@ -25,7 +25,7 @@ from hardware.connect import DRIVERS, make_driver, patient
 from hardware.detected import client_of, detected_servo, robot_of, scan_port
 from hardware.driver import Driver
 from hardware.errors import RobotError, ServoError, format_names
-from hardware.files import atomic_write
+from hardware.files import atomic_write, check_new
 from hardware.parts import BusSettings
 from hardware.robot_files import SUFFIXES
 from hardware.scan import DetectedServo
@@ -59,8 +59,7 @@ def make_robot_file(port: str, model: Path, path: Path, ask: Ask, tell: Tell) ->
     names = actuators(model)
     if path.suffix not in SUFFIXES:
         raise UsageError(f"file={path}: a robot's file ends in .yaml")
-    if path.exists():
-        raise RobotError(f"{path} exists; choose another name, or remove it")
+    check_new(path)
     try:
         draft = _with_ids(names, port, ask, tell)
         driver = make_driver(draft)

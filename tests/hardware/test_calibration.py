@@ -132,6 +132,19 @@ def test_another_robots_is_refused(calibration, message):
         apply_calibration(load_robot("bench1"), calibration)
 
 
+def test_a_travel_over_the_encoders_seam_is_refused():
+    """Limits from 1 rad below to 1.5 rad above 3500 would be counts beyond 4095."""
+    robot = load_robot("bench1")
+    wide = replace(robot, servos=(replace(robot.servos[0], position=(-3.1, 3.1)),))
+    joint = Joint(1, 0, 0, 2848, 4478, model="xl330-m288", zero=3500)
+    with pytest.raises(
+        RobotError, match=r"'hinge'.* 2848 to 4478 .*seam lies .*; remount the horn"
+    ):
+        apply_calibration(wide, Calibration({"hinge": joint}, "bench1"))
+    within = replace(wide, servos=(replace(wide.servos[0], position=(-1.0, 0.5)),))
+    assert apply_calibration(within, Calibration({"hinge": joint}, "bench1"))
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -25,6 +25,7 @@ from hardware.driver import Driver
 from hardware.emulator.faults import Fault
 from hardware.emulator.loopback import LoopbackPort
 from hardware.emulator.world import EmulatedRobot
+from hardware.errors import RobotError
 from hardware.port_lock import PortLock
 from hardware.safety import Guard, StopLimits
 from tests.hardware.person import Person, places_of
@@ -101,6 +102,11 @@ def test_the_monitor_waits_for_slow_answers(monkeypatch, capsys):
         (["scan", "robot=bench"], 2, "unknown robot 'bench' (did you mean 'bench1'?)"),
         (["scan", "port=/dev/no-such"], 1, "/dev/no-such: no such port"),
         (["monitor", "seconds=x"], 2, "seconds=x is not a number"),
+        (["monitor", "seconds=nan"], 2, "seconds=nan is not a finite number"),
+        (["write", "servo=1", "register=led", "value=inf"], 2, "value=inf is not a finite number"),
+        (["calibrate", f"file={__file__}"], 2, "test_main.py exists; choose another name"),
+        (["calibrate", f"file={__file__}/a.json"], 2, "a.json: no file can be made there"),
+        (["nominal", "file=/dev/null/a.xml"], 1, "nominal: [Errno 17] File exists"),
         (["emulate", "hidden=/no/file.yaml"], 2, "/no/file.yaml: the effects cannot be read"),
         (["emulate", "link=/no/where/robot"], 2, "link=/no/where/robot: no folder /no/w"),
         (["emulate", f"link={__file__}"], 2, "test_main.py: this exists and is not a link"),
@@ -171,6 +177,22 @@ def test_calibrate_follows_more_than_half_a_turn(tmp_path, monkeypatch):
     assert joint["range_min"] == pytest.approx(2048 - 2.2 / step, abs=2)
     assert joint["range_max"] == pytest.approx(2048 + 2.8 / step, abs=2)
     assert joint["zero"] == pytest.approx(2048 + 0.5 / step, abs=2)
+
+
+@pytest.mark.parametrize(("ends", "questions"), [((-1.0, 1.5), 2), ((-1.0, 0.5), 4)])
+def test_calibrate_refuses_a_travel_over_the_seam(tmp_path, ends, questions):
+    """The horn is such that the encoder jumps at 0.9 rad: said after the ends, nothing written."""
+    robot = load_robot("bench1")
+    mounted = replace(robot.servos[0], zero=3500, position=(-1.2, 0.3))
+    world, clock = EmulatedRobot(replace(robot, servos=(mounted,))), VirtualClock()
+    wide = replace(robot, servos=(replace(robot.servos[0], position=(-3.1, 3.1)),))
+    person = Person(world, LoopbackPort(world, clock), {"hinge": places_of(*ends)})
+    path = tmp_path / "bench1.json"
+    refused = pytest.raises(RobotError, match=r"hinge: .*the encoder's seam lies inside the travel")
+    with refused if questions == 2 else contextlib.nullcontext():
+        calibrate(make_driver(wide, world, clock), path, person, lambda line: None)
+    assert len(person.asked) == questions
+    assert path.exists() == (questions == 4)
 
 
 def test_calibrate_needs_somebody(tmp_path, capsys):
