@@ -200,7 +200,8 @@ class Driver(Torque):
                         self.write_register(servo, name, value)
             handshake.check_settings(self.robot, self.bus_client)
         finally:
-            self.torque_off()
+            if any(self._having_torque()):
+                self.torque_off()
         self.read()
         self._find_turns()  # another operating mode may count turns differently
 

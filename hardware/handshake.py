@@ -75,12 +75,17 @@ def check_servos(robot: Robot, client: BusClient) -> None:
 
 
 def check_settings(robot: Robot, client: BusClient) -> None:
-    """Refuse settings under which a servo would move by itself or answer too late.
+    """Refuse servos that what was written for good lets move by themselves or answer too late.
 
     Raises:
-        ServoError: with each of them.
+        ServoError: with each such setting.
     """
-    _refuse(robot, [each for servo in robot.servos for each in _dangers(robot, client, servo)])
+    written = [
+        servo
+        for servo in robot.servos
+        if any(servo.type.register(name).eeprom for name in robot.registers_of(servo))
+    ]
+    _refuse(robot, [each for servo in written for each in _dangers(robot, client, servo)])
 
 
 def _refuse(robot: Robot, found: list[str]) -> None:
@@ -102,6 +107,12 @@ def pinged(client: BusClient, number: int) -> list[list[Reply]]:
         with client.more_patient():
             replies = [client.ping(number) for _ in range(RETRIES)]
     return [each for each in replies if each]
+
+
+def _answers(client: BusClient, number: int) -> bool:
+    """Say whether any servo answers, with the patience that a busy machine needs."""
+    with client.more_patient():
+        return any(client.ping(number) for _ in range(RETRIES))
 
 
 def are_several(replies: list[list[Reply]]) -> bool:
@@ -162,7 +173,7 @@ def _where_are(robot: Robot, client: BusClient, missing: list[Servo]) -> str:
             continue
         try:
             client.open(speed)
-            there = [str(servo.id) for servo in missing if pinged(client, servo.id)]
+            there = [str(servo.id) for servo in missing if _answers(client, servo.id)]
         except SerialPortError:
             continue
         if there:

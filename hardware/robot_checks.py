@@ -19,7 +19,7 @@ OWNED = {  # what `registers` may not hold, as regular expressions, and what set
     "return_delay_time": f"bus.return_delay ({BY_SETUP})",
     "drive_mode|phase": "the servo's sign, or the calibration",
     "homing_offset|angular_resolution": "the servo's zero, or the calibration",
-    "bus_watchdog": "watchdog",
+    "bus_watchdog": "the key watchdog",
     "goal_pwm": "the servo's torque",
     "torque_enable|goal_position|goal_velocity": "the program itself, once the robot is armed",
     "secondary_id|protocol_type|status_return_level|startup_configuration|lock|indirect_.*": (
@@ -109,6 +109,11 @@ def _check_servo(robot: Robot, servo: Servo, place: str) -> None:
             "counts, and the zero is within two turns"
         )
     _check_range(robot, servo, place)
+    if servo.torque is not None and not servo.torque > 0:
+        raise RobotError(f"{place}: torque {servo.torque} N·m is not above 0; null means no limit")
+    _check_effort(servo, place)
+    _check_registers(robot, servo, place)
+    _check_supply(robot, servo, place)
     volts = robot.supply_of(servo).voltage
     fastest = volts / kind.torque_constant
     if not 0 < servo.velocity <= fastest:
@@ -116,11 +121,6 @@ def _check_servo(robot: Robot, servo: Servo, place: str) -> None:
             f"{place}: velocity {servo.velocity:g} rad/s; it is above 0, at most {fastest:.1f}, "
             f"the speed of a {servo.model} at {volts:g} V without load; {IN_RAD}"
         )
-    if servo.torque is not None and not servo.torque > 0:
-        raise RobotError(f"{place}: torque {servo.torque} N·m is not above 0; null means no limit")
-    _check_effort(servo, place)
-    _check_registers(robot, servo, place)
-    _check_supply(robot, servo, place)
 
 
 def _check_registers(robot: Robot, servo: Servo, place: str) -> None:
@@ -130,7 +130,9 @@ def _check_registers(robot: Robot, servo: Servo, place: str) -> None:
         register = kind.register(name)
         owner = next((owner for names, owner in OWNED.items() if re.fullmatch(names, name)), None)
         if owner is not None:
-            raise RobotError(f"{place}: registers: {name} = {value}; leave it out: {owner} sets it")
+            raise RobotError(
+                f"{place}: registers: {name} = {value}; it is set by {owner}: leave it out"
+            )
         if not register.writable:
             raise RobotError(f"{place}: registers: {name!r} can only be read")
         low, high = register.fixed_range

@@ -28,14 +28,14 @@ def with_register(name: str, value: object, **servo: object) -> dict:
         ("torque_enable", 1, "the program itself"),
         ("goal_position", 3000, "the program itself"),
         ("goal_velocity", 100, "the program itself"),
-        ("goal_pwm", 300, "the servo's torque sets it"),
+        ("goal_pwm", 300, "the servo's torque: leave"),
         ("drive_mode", 1, "the servo's sign"),
         ("homing_offset", 500, "calibration"),
         ("id", 5, "the servo's key id"),
         ("secondary_id", 2, "the program itself"),
         ("baud_rate", 1, "bus.baud"),
         ("return_delay_time", 250, "bus.return_delay"),
-        ("bus_watchdog", 0, "watchdog sets it"),
+        ("bus_watchdog", 0, "the key watchdog: leave"),
         ("protocol_type", 2, "the program itself"),
         ("status_return_level", 1, "the program itself"),
         ("startup_configuration", 1, "the program itself"),
@@ -57,7 +57,7 @@ def test_feetech_registers_that_the_program_owns_are_refused(name):
     """A Feetech servo has its own names for some of them."""
     data = bench_data(registers={name: 1}, watchdog=0, supply={"voltage": 7.4})
     data["servos"]["hinge"] |= {"model": "sts3215", "velocity": 4.0}
-    with pytest.raises(RobotError, match=rf"registers: {name} = 1; leave it out"):
+    with pytest.raises(RobotError, match=rf"registers: {name} = 1; it is set by .*: leave it out"):
         make_robot(data)
 
 

@@ -107,7 +107,7 @@ def test_a_short_peak_of_current_stops_nothing(rig, chain):
 
 def test_a_load_over_the_limit_stops(rig, chain):
     """A servo without a sensor of current reports its load."""
-    shared = {"model": "xl430-w250", "load": 0.15, "supply": {"voltage": 11.1}}
+    shared = {"model": "xl430-w250", "velocity": 7.0, "load": 0.15, "supply": {"voltage": 11.1}}
     robot = chain(3, servo=shared, registers={"position_p_gain": 800})
     r = rig(Fault("stuck", servo=3), robot=robot)
     with pytest.raises(SafetyError, match=r"hinge3 is at \d+% of its load, over its limit of 15%"):

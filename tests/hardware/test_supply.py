@@ -126,7 +126,7 @@ def test_a_rehearsal_of_a_type_without_emulation_is_refused(tmp_path, capsys):
     """Which servo, and what to do; a real one at a port is no rehearsal."""
     path = tmp_path / "mine.yaml"
     data = bench_data(supply={"voltage": 12.0}, registers={"position_p_gain": 800})
-    data["servos"]["hinge"]["model"] = "xm540-w270"
+    data["servos"]["hinge"] |= {"model": "xm540-w270", "velocity": 3.0}
     path.write_text(yaml.safe_dump(data))
     for verb in ("emulate", "scan", "monitor"):
         assert main([verb, f"robot={path}"]) == 2
