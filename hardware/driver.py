@@ -30,11 +30,12 @@ from hardware.bus_client import BusClient, Reply
 from hardware.clock import Clock
 from hardware.config import Robot, Servo
 from hardware.counters import Counters
-from hardware.errors import SerialPortError, ServoError
+from hardware.errors import HardwareError, SerialPortError, ServoError
 from hardware.freshness import Freshness
 from hardware.link import LinkScore
 from hardware.readings import Health, Reading, errors_of
 from hardware.registers import RETRIES, read_register, write_register
+from hardware.robot_checks import check_registers
 from hardware.stop_limits import StopLimits
 from hardware.timing import BLOCK, BLOCK_SIZE, cycle_time, sample_times
 from hardware.torque import FIRST_PAUSE, Torque
@@ -190,18 +191,20 @@ class Driver(Torque):
         """Switch torque off, then write the robot's registers and verify each; leave torque off.
 
         Raises:
-            ServoError: a register does not keep its value, or would make a servo unsafe.
+            RobotError: a register that would power a servo, or make it unsafe; nothing is written.
+            ServoError: a register does not keep its value; torque is off.
         """
         self.torque_off()
+        for servo in self.robot.servos:
+            check_registers(self.robot, servo, f"{self.robot.name}: servos.{servo.name}")
         try:
             with self.bus_client.more_patient():
                 for servo in self.robot.servos:
                     for name, value in self.robot.registers_of(servo).items():
                         self.write_register(servo, name, value)
-            handshake.check_settings(self.robot, self.bus_client)
-        finally:
-            if any(self._having_torque()):
-                self.torque_off()
+        except HardwareError:
+            self.torque_off()
+            raise
         self.read()
         self._find_turns()  # another operating mode may count turns differently
 

@@ -71,25 +71,6 @@ def check_servos(robot: Robot, client: BusClient) -> None:
             found += _other_model(servo, number) or _dangers(robot, client, servo)
     if missing:
         found.append(_where_are(robot, client, missing))
-    _refuse(robot, found)
-
-
-def check_settings(robot: Robot, client: BusClient) -> None:
-    """Refuse servos that what was written for good lets move by themselves or answer too late.
-
-    Raises:
-        ServoError: with each such setting.
-    """
-    written = [
-        servo
-        for servo in robot.servos
-        if any(servo.type.register(name).eeprom for name in robot.registers_of(servo))
-    ]
-    _refuse(robot, [each for servo in written for each in _dangers(robot, client, servo)])
-
-
-def _refuse(robot: Robot, found: list[str]) -> None:
-    """Raise a ServoError of all that was found, if anything was."""
     if len(found) == 1:
         raise ServoError(found[0])
     if found:

@@ -112,7 +112,7 @@ def _check_servo(robot: Robot, servo: Servo, place: str) -> None:
     if servo.torque is not None and not servo.torque > 0:
         raise RobotError(f"{place}: torque {servo.torque} N·m is not above 0; null means no limit")
     _check_effort(servo, place)
-    _check_registers(robot, servo, place)
+    check_registers(robot, servo, place)
     _check_supply(robot, servo, place)
     volts = robot.supply_of(servo).voltage
     fastest = volts / kind.torque_constant
@@ -123,7 +123,7 @@ def _check_servo(robot: Robot, servo: Servo, place: str) -> None:
         )
 
 
-def _check_registers(robot: Robot, servo: Servo, place: str) -> None:
+def check_registers(robot: Robot, servo: Servo, place: str) -> None:
     """Check what is written at each start: nothing that powers, renames or turns round a servo."""
     kind = servo.type
     for name, value in {**robot.registers, **servo.registers}.items():

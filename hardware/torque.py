@@ -49,14 +49,6 @@ class Torque:
 
     def find_powered(self) -> None:
         """Look which servos have torque that an earlier program left on, and say so."""
-        on, _ = self._having_torque()
-        self._powered |= on
-        if on:
-            words = "%s: torque is on in %s, left on by an earlier program"
-            _logger.warning(words, self.robot.name, format_names(sorted(on)))
-
-    def _having_torque(self) -> tuple[set[str], set[str]]:
-        """Return which servos say that they have torque, and which say nothing."""
         left, on = {servo.id: servo.name for servo in self.robot.servos}, set()
         for _ in range(RETRIES):
             for number, reply in self.bus_client.sync_read(self.torque, 1, [*left], False).items():
@@ -65,7 +57,10 @@ class Torque:
                     on.add(name)
             if not left:
                 break
-        return on, set(left.values())
+        self._powered |= on
+        if on:
+            words = "%s: torque is on in %s, left on by an earlier program"
+            _logger.warning(words, self.robot.name, format_names(sorted(on)))
 
     def mark_powered(self, servo: Servo) -> None:
         """Remember that a servo may have torque."""

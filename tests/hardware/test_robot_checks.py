@@ -11,6 +11,7 @@ from hardware.driver import Driver
 from hardware.emulator.loopback import LoopbackPort
 from hardware.emulator.world import EmulatedRobot
 from hardware.errors import RobotError, ServoError
+from hardware.parts import Servo
 from hardware.tables import servo_type, servo_types
 from tests.hardware.conftest import bench_data
 
@@ -84,27 +85,47 @@ def test_registers_hold_whole_numbers(value):
         make_robot(with_register("position_p_gain", value))
 
 
-@pytest.mark.parametrize(
-    ("registers", "message"),
-    [
-        ({"torque_enable": 1}, None),
-        ({"drive_mode": 1}, "drive mode 1"),
-        ({"led": 9}, "refuses led"),
-    ],
-)
-def test_configuring_leaves_torque_off_whatever_it_writes(registers, message):
-    """A robot that no file described: its settings are checked after writing, torque is off."""
-    robot = replace(load_robot("bench1"), registers=registers)
-    world, clock = EmulatedRobot(load_robot("bench1")), VirtualClock()
-    driver = Driver(robot, LoopbackPort(world, clock), clock)
-    driver.connect()
-    if message is None:
+@pytest.fixture
+def bench():
+    """Return a function that connects to bench1, its registers not from a file."""
+
+    def connected(**registers: int) -> tuple[Driver, EmulatedRobot]:
+        world, clock = EmulatedRobot(load_robot("bench1")), VirtualClock()
+        robot = replace(load_robot("bench1"), registers=registers)
+        driver = Driver(robot, LoopbackPort(world, clock), clock)
+        driver.connect()
+        return driver, world
+
+    return connected
+
+
+@pytest.mark.parametrize("registers", [{"torque_enable": 1}, {"drive_mode": 1}, {"id": 5}])
+def test_configuring_writes_no_register_that_the_program_owns(bench, registers):
+    """A robot that no file described is refused as well: torque is off, nothing is written."""
+    driver, world = bench(**registers)
+    before = bytes(world.servos[0].memory.data[:64])
+    with pytest.raises(RobotError, match="it is set by"):
         driver.configure()
-    else:
-        with pytest.raises(ServoError, match=message):
-            driver.configure()
+    assert bytes(world.servos[0].memory.data[:64]) == before
     assert not np.any(world.firmware.torque_on)
     assert driver.powered == set()
+
+
+def test_configuring_that_fails_leaves_torque_off(bench, monkeypatch):
+    """A servo that has torque by the time that a register is refused has none afterwards."""
+    driver, world = bench(position_p_gain=800)
+    write = driver.write_register
+
+    def refuse(servo: Servo, name: str, value: int) -> None:
+        if name == "position_p_gain":
+            write(servo, "torque_enable", 1)
+            raise ServoError("refused")
+        write(servo, name, value)
+
+    monkeypatch.setattr(driver, "write_register", refuse)
+    with pytest.raises(ServoError, match="refused"):
+        driver.configure()
+    assert not np.any(world.firmware.torque_on)
 
 
 def test_a_multi_turn_servo_reaches_what_its_goal_register_holds():
