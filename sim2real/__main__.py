@@ -16,7 +16,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from sim2real.runs.errors import Sim2RealError
+from sim2real.runs.errors import Refused, Sim2RealError
 from sim2real.runs.terminal import is_page, open_page
 
 FULL = "HYDRA_FULL_ERROR"
@@ -42,10 +42,6 @@ EXTRAS = {  # packages that only some verbs need, and the extra that brings them
 ROOMS = ("sim2real", "envs", "hardware")  # of this project
 FULL_MEMORY = ("bad_alloc", "can't allocate memory", "not allocate memory")  # C++, torch, MuJoCo
 OTHER_ROOT = ("--config-path", "-cp", "--config-name", "-cn")
-
-
-class Refused(BaseException):
-    """The sentence for a mistake; no Exception, so that Hydra lets it pass without a word."""
 
 
 class Answered(BaseException):
@@ -121,6 +117,7 @@ def precheck(arguments: list[str]) -> list[str]:
 
     Raises:
         ConfigError: the first mistake.
+        ValueError: a value of a sweep that a constructor refuses.
     """
     from sim2real.config.arguments import options_and_words
 
@@ -128,7 +125,7 @@ def precheck(arguments: list[str]) -> list[str]:
     typed = {option.split("=")[0] for option in options}
     if typed & set(PASSED_ON + OTHER_ROOT):
         return arguments
-    from sim2real.config.compose import compose, sweep_jobs, used_keys
+    from sim2real.config.compose import compose, instantiate, sweep_jobs, used_keys
     from sim2real.config.folders import check_paths_exist
     from sim2real.config.inherited import inherited
     from sim2real.config.optional_keys import with_plus
@@ -138,9 +135,11 @@ def precheck(arguments: list[str]) -> list[str]:
     if sweep and shown:
         raise ConfigError("--cfg shows one configuration; leave -m out and give one value each")
     jobs = list(sweep_jobs(given)) if sweep else [given]
-    for overrides in [] if shown else jobs:  # what is shown may be wrong
-        tree = compose(overrides)
+    trees = [] if shown else [compose(overrides) for overrides in jobs]  # shown ones may be wrong
+    for tree in trees:
         check_paths_exist(tree, used_keys(tree))
+    for tree in trees if sweep else []:  # what a constructor refuses is not to come up hours later
+        instantiate(tree, Path())
     return options + with_plus(inherited(given), inherited(jobs[0]))
 
 
@@ -162,16 +161,27 @@ def launch() -> None:
 def job(config: Any) -> None:
     """Check, build and run one job in the folder that Hydra made for it.
 
+    A sweep notes the failure of a job and goes on to the next one.
+
     Raises:
         Refused: for a mistake of the user.
     """
+    from hydra.core.hydra_config import HydraConfig
+    from hydra.types import RunMode
+
     from sim2real.config import extensions
+    from sim2real.config.sweeps import note_failure
 
     try:
         extensions.activate(extensions.of_arguments([]))  # in another process of a sweep
         _run(config)
     except Exception as error:
-        sentence = None if os.environ.get(WANTED) == "1" else explained(error)
+        if os.environ.get(WANTED) == "1":
+            raise
+        sentence = explained(error)
+        if HydraConfig.get().mode == RunMode.MULTIRUN:
+            note_failure(error, sentence)
+            return
         if sentence is None:
             raise
         _write_to_log(sentence)

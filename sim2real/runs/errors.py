@@ -1,4 +1,4 @@
-"""Errors that a user can cause, and the interruption of a run."""
+"""Errors that a user can cause, and what ends a run: an interruption, a refusal."""
 
 import errno
 
@@ -44,3 +44,7 @@ class RunInterrupted(KeyboardInterrupt):
     def __init__(self, message: str, exit_code: int) -> None:
         super().__init__(message)
         self.exit_code = exit_code
+
+
+class Refused(BaseException):
+    """The sentence for a mistake; no Exception, so that Hydra lets it pass without a word."""

@@ -80,6 +80,34 @@ def test_a_sweep_numbers_its_folders(run: Run, tmp_path: Path, launcher: list[st
     assert all((folder / "metrics.csv").exists() for folder in found)
 
 
+def test_a_value_that_a_job_cannot_have_ends_a_sweep_before_it_starts(
+    run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What a constructor refuses of any job is said before the first one runs."""
+    small = ["+experiment=udr", "iterations=1", "eval=none", "frames=null"]
+    assert run("-m", *small, "seed=0,1", "params.width=0.1,2") == 2
+    assert "params.width=2" in capsys.readouterr().err.splitlines()[-1]
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("launcher", [[], pytest.param(JOBLIB, marks=pytest.mark.slow)])
+def test_a_failed_job_does_not_end_a_sweep(
+    run: Run, tmp_path: Path, capsys: pytest.CaptureFixture[str], launcher: list[str]
+) -> None:
+    """The others run; a list at the end, in a file as well, names each failure with its job."""
+    sweep = ["-m", *TINY, "algorithm.clean_final=[],[no]", "seed=0,1", "hydra.sweep.dir=all"]
+    assert run(*sweep, *launcher) == 2
+    trained = [path.parent.name for path in sorted(tmp_path.rglob("metrics.csv"))]
+    assert trained == ["0", "1"]  # not 2 and 3
+    title, *lines = capsys.readouterr().err.splitlines()[-3:]
+    assert title == "sim2real: 2 of the sweep's jobs failed:"
+    for number, line in enumerate(lines, start=2):
+        assert re.match(rf"job {number} \(.*clean_final=\[no\].*\) failed: no parameter 'no'", line)
+        assert line in (tmp_path / "all" / str(number) / "sim2real.log").read_text("utf-8")
+    assert (tmp_path / "all" / "failed.txt").read_text("utf-8").splitlines() == lines
+    assert run("-m", *TINY, "seed=2,3", "hydra.sweep.dir=all", "hydra.sweep.subdir=s${seed}") == 0
+
+
 def fails_with(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let every verb fail in this way."""
 
@@ -97,6 +125,18 @@ def test_ctrl_c_is_one_line(run: Run, monkeypatch, capsys) -> None:
     fails_with(KeyboardInterrupt(), monkeypatch)
     assert run(*TINY) == 130
     assert capsys.readouterr().err.splitlines()[-1] == "sim2real: interrupted"
+
+
+def test_ctrl_c_ends_a_sweep_and_a_defect_does_not(run: Run, tmp_path, monkeypatch, capsys) -> None:
+    """The traceback of a defect is in the job's log; every job is tried."""
+    fails_with(KeyboardInterrupt(), monkeypatch)
+    assert run("-m", *TINY, "seed=0,1", "hydra.sweep.dir=stopped") == 130
+    assert len(folders(tmp_path / "stopped")) == 1
+    fails_with(TypeError("a defect"), monkeypatch)
+    assert run("-m", *TINY, "seed=0,1", "hydra.sweep.dir=broken") == 2
+    assert capsys.readouterr().err.count("failed: TypeError: a defect") == 2
+    for job in ("0", "1"):
+        assert "Traceback" in (tmp_path / "broken" / job / "sim2real.log").read_text("utf-8")
 
 
 def test_a_defect_shows_its_traceback(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
