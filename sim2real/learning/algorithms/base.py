@@ -22,6 +22,7 @@ import numpy as np
 
 from envs.randomization import Tasks
 from sim2real.learning.adapt import Adaptation, NoAdaptation
+from sim2real.learning.algorithms.checks import check_part
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.population.population import AdaptationScores, Population
 from sim2real.learning.trained import TrainedPolicy
@@ -30,7 +31,11 @@ from sim2real.runs.errors import Sim2RealError
 
 @dataclass(frozen=True)
 class Components:
-    """The components of an algorithm."""
+    """The components of an algorithm.
+
+    Raises:
+        Sim2RealError: a number of an optional part that is out of range.
+    """
 
     environment: EnvironmentFactory  # makes the worlds of training and evaluation
     policy: Callable[..., Any]  # makes the policy; of what, the algorithm says
@@ -44,6 +49,10 @@ class Components:
     buffer: Callable[..., Any] | None = None  # makes the buffer that minibatches are drawn from
     optimizer: Callable[..., Any] | None = None  # makes the optimizer from parameters
     device: str = "cpu"  # where networks are
+
+    def __post_init__(self) -> None:
+        for name, part in self.optional.items():
+            check_part(name, part)
 
     @property
     def tasks(self) -> Tasks:

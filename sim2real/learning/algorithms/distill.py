@@ -19,7 +19,7 @@ import torch
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from sim2real.learning.algorithms.base import Algorithm, Components
-from sim2real.learning.algorithms.checks import check_at_least
+from sim2real.learning.algorithms.checks import check_at_least, check_positive
 from sim2real.learning.modules.randomness import TorchRandomStream
 from sim2real.learning.population.population import draw_seeds
 from sim2real.learning.student import EstimateContext, Student, moments
@@ -59,8 +59,7 @@ class Distill(Algorithm):
         batch_size: int,
     ) -> None:
         check_at_least(1, num_rows=num_rows, epochs=epochs, batch_size=batch_size)
-        if not learning_rate > 0:
-            raise Sim2RealError(f"algorithm.learning_rate={learning_rate} must be above 0")
+        check_positive(learning_rate=learning_rate)
         self._teacher = teacher()
         context, own = self._teacher.context, self._teacher.environment
         if own.name != parts.environment.name:

@@ -18,7 +18,7 @@ from tensordict import TensorDictBase
 from torchrl.modules import set_recurrent_mode
 
 from sim2real.learning.algorithms.base import Components
-from sim2real.learning.algorithms.checks import check_at_least
+from sim2real.learning.algorithms.checks import check_at_least, check_positive
 from sim2real.learning.algorithms.on_policy import OnPolicy
 from sim2real.learning.modules.flat import FlatParameters
 
@@ -54,6 +54,9 @@ class PPO(OnPolicy):
         target_kl: float | None,
     ) -> None:
         check_at_least(1, num_rows=num_rows, steps=steps, epochs=epochs)
+        check_positive(
+            anneal_frames=anneal_frames, max_grad_norm=max_grad_norm, target_kl=target_kl
+        )
         super().__init__(parts, num_rows=num_rows, steps=steps, minibatch_size=minibatch_size)
         self._epochs = epochs
         self._anneal_frames, self._max_norm, self._target_kl = (

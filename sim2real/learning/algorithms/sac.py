@@ -25,6 +25,7 @@ from sim2real.learning.algorithms.checks import (
     check_finite,
     check_fraction,
     check_loss,
+    check_positive,
 )
 from sim2real.learning.algorithms.collecting import ResumableCollector
 from sim2real.learning.algorithms.resumable import CollectingAlgorithm
@@ -70,9 +71,9 @@ class SAC(CollectingAlgorithm):
         tau: float,
     ) -> None:
         check_at_least(1, num_rows=num_rows, steps=steps, batch_size=batch_size)
+        check_at_least(0, warmup_frames=warmup_frames)
         check_fraction(gamma=gamma, tau=tau)
-        if not update_ratio > 0:
-            raise Sim2RealError(f"algorithm.update_ratio={update_ratio} must be above 0")
+        check_positive(update_ratio=update_ratio)
         self.parts, self._steps = parts, steps
         self._ratio, self._batch, self._warmup = update_ratio, batch_size, warmup_frames
         self._randomness = TorchRandomStream(parts.seed, parts.device)

@@ -92,12 +92,12 @@ class StrategySettings:
     def __post_init__(self) -> None:
         for name in ("sigma", "learning_rate"):
             if not getattr(self, name) > 0:
-                raise Sim2RealError(
-                    f"evolution strategy: {name}={getattr(self, name)} must be above 0"
-                )
+                raise Sim2RealError(f"algorithm.{name}={getattr(self, name)} must be above 0")
+        if not self.weight_decay >= 0:
+            raise Sim2RealError(f"algorithm.weight_decay={self.weight_decay} must be at least 0")
         if self.pairs < 1 or not 0 <= self.top_k <= self.pairs:
             raise Sim2RealError(
-                f"evolution strategy: pairs={self.pairs} must be at least 1 and top_k={self.top_k} "
+                f"algorithm: pairs={self.pairs} must be at least 1 and top_k={self.top_k} "
                 "between 0 (off) and pairs"
             )
         allowed = {
@@ -108,7 +108,7 @@ class StrategySettings:
         for name, (value, choices) in allowed.items():
             if value not in choices:
                 raise Sim2RealError(
-                    f"evolution strategy: {name}={value!r} is not one of {', '.join(choices)}"
+                    f"algorithm.{name}={value!r} is not one of {', '.join(choices)}"
                 )
 
 
