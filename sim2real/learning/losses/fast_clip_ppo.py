@@ -66,7 +66,13 @@ class FastClipPPOLoss(ClipPPOLoss):
     Raises:
         Sim2RealError: for networks that it cannot differentiate, and for options that it does not
             have; `ClipPPOLoss` takes those.
+
+    Attributes:
+        own: its name among the choices of a loss.
+        general: the choice with the same objective for any networks and options.
     """
+
+    own, general = "loss=fast_clip_ppo", "loss=clip_ppo"
 
     def __init__(
         self,
@@ -75,16 +81,15 @@ class FastClipPPOLoss(ClipPPOLoss):
         **options: Any,
     ) -> None:
         networks = [options.pop("actor", actor_network), options.pop("critic", critic_network)]
-        _refuse_options(options)
+        for name, value in _unsupported(options).items():
+            self._refuse(f"loss.{name}={value!r}")
         if None in networks:
-            raise Sim2RealError("loss=fast_clip_ppo: there is no critic; give the policy one")
-        actor, critic = (read_dense(network) for network in networks)
-        _refuse_distribution(networks[0], actor)
+            raise Sim2RealError(f"{self.own}: there is no critic; give the policy one")
+        actor, critic = (read_dense(network, self.general) for network in networks)
+        if what := _other_distribution(networks[0], actor):
+            self._refuse(f"actor of {what}")
         if critic.head is not None or critic.sizes[-1] != 1:
-            raise Sim2RealError(
-                "loss=fast_clip_ppo supports only critics that end in a linear layer of "
-                "one value; use loss=clip_ppo"
-            )
+            self._refuse("critic that does not end in a linear layer of one value")
         super().__init__(*networks, **options)
         self._gradient, self._present = ClipGradient(actor, critic), []
         if {id(p) for p in self.parameters()} != {id(p) for p in self._gradient.flat.parameters}:
@@ -102,6 +107,9 @@ class FastClipPPOLoss(ClipPPOLoss):
         if not self.entropy_bonus:
             out = {name: value for name, value in out.items() if "entropy" not in name}
         return TensorDict._new_unsafe(out, batch_size=torch.Size([]))  # type: ignore[arg-type]
+
+    def _refuse(self, what: str) -> None:
+        raise Sim2RealError(f"{self.own} supports no {what}; use {self.general}")
 
     def _settings(self) -> Settings:
         """Return the settings as numbers, read again where a schedule has changed one."""
@@ -125,7 +133,7 @@ class FastClipPPOLoss(ClipPPOLoss):
     def _samples(self, tensordict: TensorDictBase) -> Samples:
         keys = self.tensor_keys
         if any(tensordict.get(key, None) is not None for key in self._loss_mask_keys()):
-            raise Sim2RealError("loss=fast_clip_ppo supports no masked samples; use loss=clip_ppo")
+            self._refuse("masked samples")
         if tensordict.get(keys.advantage, None) is None:
             tensordict = tensordict.clone(False)
             critic = self._cached_critic_network_params_detached
@@ -153,7 +161,8 @@ class FastClipPPOLoss(ClipPPOLoss):
         return off / max(deviation, TINY)
 
 
-def _refuse_options(options: dict[str, Any]) -> None:
+def _unsupported(options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options that it does not have, or not with such a value."""
     wrong = {k: v for k, v in options.items() if k in SUPPORTED and v not in SUPPORTED[k]}
     if options.get("critic_coeff", 1.0) in (None, 0):
         wrong["critic_coeff"] = options["critic_coeff"]
@@ -161,26 +170,23 @@ def _refuse_options(options: dict[str, Any]) -> None:
         wrong["entropy_coeff"] = options["entropy_coeff"]
     if options.get("loss_critic_type", "l2") not in SLOPES:
         wrong["loss_critic_type"] = options["loss_critic_type"]
-    for name, value in wrong.items():
-        raise Sim2RealError(f"loss.{name}={value!r} is not in loss=fast_clip_ppo; use clip_ppo")
+    return wrong
 
 
-def _refuse_distribution(network: Any, actor: Dense) -> None:
-    """Raise Sim2RealError for an actor that is not a Gaussian around an MLP."""
+def _other_distribution(network: Any, actor: Dense) -> str | None:
+    """Return what an actor draws from; None for a Gaussian around an MLP."""
     last, scale = network[-1], actor.head
     if not isinstance(last, ProbabilisticTensorDictModule):
         raise Sim2RealError("loss: the actor ends in no distribution; use a ProbabilisticActor")
     if last.distribution_class is not IndependentNormal:
-        what = getattr(last.distribution_class, "__name__", repr(last.distribution_class))
-    elif {**last.distribution_kwargs, "tanh_loc": False} != {"tanh_loc": False}:
-        what = f"IndependentNormal with {dict(last.distribution_kwargs)}"
-    elif not isinstance(scale, AddStateIndependentNormalScale) or scale.scale_mapping != "exp":
-        what = "a scale that is not an exponential AddStateIndependentNormalScale"
-    elif scale.scale_shape != (actor.sizes[-1],) or not list(scale.parameters()):
-        what = "a scale that has not one parameter for each action"
-    else:
-        return
-    raise Sim2RealError(f"loss=fast_clip_ppo supports no actor of {what}; use loss=clip_ppo")
+        return getattr(last.distribution_class, "__name__", repr(last.distribution_class))
+    if {**last.distribution_kwargs, "tanh_loc": False} != {"tanh_loc": False}:
+        return f"IndependentNormal with {dict(last.distribution_kwargs)}"
+    if not isinstance(scale, AddStateIndependentNormalScale) or scale.scale_mapping != "exp":
+        return "a scale that is not an exponential AddStateIndependentNormalScale"
+    if scale.scale_shape != (actor.sizes[-1],) or not list(scale.parameters()):
+        return "a scale that has not one parameter for each action"
+    return None
 
 
 def _joined(tensordict: TensorDictBase, network: Dense) -> Array:

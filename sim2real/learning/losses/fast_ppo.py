@@ -30,6 +30,8 @@ class FastPPOLoss(FastClipPPOLoss):
             have; `PPOLoss` takes those.
     """
 
+    own, general = "loss=fast_surrogate", "loss=surrogate"
+
     @property
     def _clip_bounds(self) -> tuple[Tensor, Tensor]:
         """Return the logarithms of the least and the largest ratio."""

@@ -64,7 +64,7 @@ class FastSACLoss(SACLoss):
             if name in SUPPORTED and value not in SUPPORTED[name]:
                 _refuse(f"{name}={value!r}")
         critics = qvalue_network if isinstance(qvalue_network, list) else [qvalue_network]
-        actor, shapes = read_dense(actor_network), [read_dense(critic) for critic in critics]
+        actor, *shapes = (read_dense(one, "loss=sac") for one in (actor_network, *critics))
         _refuse_networks(actor_network, actor, shapes)
         super().__init__(actor_network, qvalue_network, **options)
         self._gradient, self._actor = SACGradient(actor, shapes[0]), actor

@@ -59,27 +59,48 @@ class Dense:
         return own + ([] if self.head is None else list(self.head.parameters()))
 
 
-def read_dense(network: TensorDictModuleBase) -> Dense:
+def read_dense(network: TensorDictModuleBase, instead: str = "another part") -> Dense:
     """Read a tensordict module, without the distribution at its end, as a perceptron.
+
+    Args:
+        network: the module.
+        instead: what takes any network in place of the caller, such as "loss=sac".
 
     Raises:
         Sim2RealError: for a network with other parts than linear layers, one nonlinearity and,
             last, a head.
     """
+    try:
+        return _read(network)
+    except _OtherError as other:
+        raise Sim2RealError(
+            "policy: a fast part takes linear layers with tanh or ReLU between them and nothing "
+            f"else, this has {other}; use {instead}, which takes any network"
+        ) from None
+
+
+class _OtherError(Exception):
+    """What a perceptron does not have."""
+
+
+def _read(network: TensorDictModuleBase) -> Dense:
     modules = list(_modules(network))
     layers = [layer for module in modules for layer in _layers(module.module)]
     for before, after in pairwise(modules):
         if list(after.in_keys) != list(before.out_keys)[: len(after.in_keys)]:
-            _refuse(f"{list(after.in_keys)} read after {list(before.out_keys)} was written")
+            raise _OtherError(
+                f"{list(after.in_keys)} read after {list(before.out_keys)} was written"
+            )
     head = layers.pop() if layers and type(layers[-1]) not in (nn.Linear, *ACTIVATIONS) else None
     for layer in layers:
         if type(layer) not in (nn.Linear, *ACTIVATIONS):
-            _refuse(type(layer).__name__)
+            raise _OtherError(type(layer).__name__)
     linears, between = layers[::2], layers[1::2]
     kinds = {type(layer) for layer in between} or {nn.Tanh}
     alternate = all(type(layer) is nn.Linear and layer.bias is not None for layer in linears)
     if not alternate or len(linears) != len(between) + 1 or len(kinds) > 1 or nn.Linear in kinds:
-        _refuse(", ".join(type(layer).__name__ for layer in layers) + " or a layer without a bias")
+        names = ", ".join(type(layer).__name__ for layer in layers)
+        raise _OtherError(f"{names} or a layer without a bias")
     keys = tuple(modules[0].in_keys), tuple(modules[-1].out_keys)
     return Dense(*keys, tuple(linears), ACTIVATIONS[kinds.pop()], head)  # type: ignore[arg-type]
 
@@ -92,7 +113,7 @@ def _modules(network: Any) -> Iterator[Any]:
     elif isinstance(network, TensorDictModule):
         yield network
     elif not isinstance(network, ProbabilisticTensorDictModule):
-        _refuse(type(network).__name__)
+        raise _OtherError(type(network).__name__)
 
 
 def _layers(module: Any) -> Iterator[Any]:
@@ -102,13 +123,6 @@ def _layers(module: Any) -> Iterator[Any]:
             yield from _layers(layer)
     elif type(module) is not nn.Identity:
         yield module
-
-
-def _refuse(what: str) -> None:
-    raise Sim2RealError(
-        "policy: a fast part takes linear layers with tanh or ReLU between them and nothing else, "
-        f"this has {what}; use loss=clip_ppo or loss=sac, and collector=sync, which take any"
-    )
 
 
 def flatten(networks: Sequence[Dense]) -> tuple[FlatParameters, list[int]]:
