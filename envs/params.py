@@ -72,9 +72,10 @@ class ParamSpace:
     def index(self, name: str) -> int:
         """Return a parameter's column; raises ParameterError for a name that the space lacks."""
         if name not in self.names:
-            known = ", ".join(self.names) or "none"
+            known = f"one of: {', '.join(self.names)}, or " if self.names else ""
             raise ParameterError(
-                f"no parameter {name!r}{did_you_mean(name, self.names)}; choose one of: {known}"
+                f"no parameter {name!r}{did_you_mean(name, self.names)}; choose {known}params=NAME "
+                "that draws it"
             )
         return self.names.index(name)
 

@@ -164,11 +164,12 @@ class Randomization:
 
     def check(self, space: ParamSpace) -> None:
         """Bind to the space of a simulation that was made with these effects; see `Tasks.check`."""
-        columns = []
+        columns, drawn = [], []
         for draw in self.draws:
             own = [
                 p for p in space.parameters if (p.effect, p.where, p.side) == _place(draw.effect)
             ]
+            drawn += [p.name for p in own]
             if not own:
                 raise ParameterError(
                     f"{draw.effect.label()} is drawn, but the simulation was made without it"
@@ -181,10 +182,13 @@ class Randomization:
                         f" [{p.low:g}, {p.high:g}] ({p.how}); narrow the range"
                     )
             columns.append(len(own))
-        if sum(columns) != space.size:
+        if left := [name for name in space.names if name not in drawn]:
             raise ParameterError(
-                f"the simulation has {space.size} parameters, but the draws have {sum(columns)}"
+                f"the simulation has {', '.join(left)}, but nothing draws them; choose params=NAME "
+                "that does (sim2real --help lists them)"
             )
+        if len(drawn) > space.size:
+            raise ParameterError(f"the draws of {', '.join(drawn)} repeat one; leave it out")
         self._columns = columns
 
     def sample(self, rng: np.random.Generator, n: int) -> np.ndarray:

@@ -46,6 +46,10 @@ def test_names_are_looked_up_or_listed() -> None:
     assert SPACE.index("motor_strength") == 1
     with pytest.raises(ParameterError, match=r"'motor_strenth'.*did you mean 'motor_strength'"):
         SPACE.index("motor_strenth")
+    with pytest.raises(ParameterError, match=r"motor_strength, or params=NAME that draws it"):
+        SPACE.index("goal.x")
+    with pytest.raises(ParameterError, match=r"'goal\.x'; choose params=NAME that draws it"):
+        ParamSpace().index("goal.x")  # the robots of params=none
     with pytest.raises(ParameterError, match="'motor_strength' is given twice"):
         ParamSpace([SPACE.parameters[1], SPACE.parameters[1]])
 

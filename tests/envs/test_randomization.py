@@ -105,8 +105,10 @@ def test_spaces_must_fit() -> None:
         tasks.sample(np.random.default_rng(0), 1)
     with pytest.raises(ParameterError, match="made without it"):
         tasks.check(space(FRICTION))
-    with pytest.raises(ParameterError, match="has 2 parameters, but the draws have 1"):
+    with pytest.raises(ParameterError, match=r"has ground_friction, but nothing.*params=NAME"):
         tasks.check(space(MASS, FRICTION))
+    with pytest.raises(ParameterError, match=r"link_mass\.torso, link_mass\.torso repeat one"):
+        Randomization([*tasks.draws, *tasks.draws]).check(space(MASS))
     with pytest.raises(ParameterError, match="per='episode' is unknown"):
         Randomization([], per="episode")  # type: ignore[arg-type]
 
