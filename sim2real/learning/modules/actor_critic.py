@@ -184,15 +184,23 @@ def _size(
             for module in shared:  # networks that find their sizes find them here
                 data = module(data)
     except RuntimeError as error:
-        shown = ", ".join(
-            f"{k} {tuple(data[k].shape[1:])} {data[k].dtype}" for k in shared[0].in_keys
-        )
-        reason = str(error.__cause__ or error).splitlines()[0]
+        read = {key: data[key] for key in shared[0].in_keys}
+        shown = ", ".join(f"{k} {tuple(x.shape[1:])} {x.dtype}" for k, x in read.items())
+        reason, remedy = str(error).splitlines()[0], ""  # tensordict's own words are its cause
+        if any(_is_unconverted(x) for x in read.values()):
+            remedy = "; images need a transform such as ToTensorImage: transforms=pixels"
+        elif any(x.ndim > 3 for x in read.values()):
+            remedy = "; the image is too small for them: give a larger one, or smaller kernels"
         raise Sim2RealError(
-            f"policy: its networks cannot read {shown} ({reason}); images need a transform such as "
-            "ToTensorImage: transforms=pixels"
+            f"policy: its networks cannot read {shown} ({reason}){remedy}"
         ) from error
     return sum(data[key].shape[-1] for key in keys)
+
+
+def _is_unconverted(image: torch.Tensor) -> bool:
+    """Return whether an image, (N, H, W, C) or of bytes, is as a camera gives it."""
+    last = image.ndim > 3 and image.shape[-1] < min(image.shape[-3:-1])
+    return last or image.dtype == torch.uint8
 
 
 def check_keys(where: str, keys: Sequence[Any], env: EnvBase) -> None:

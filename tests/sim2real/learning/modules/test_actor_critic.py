@@ -12,6 +12,7 @@ from torchrl.modules import set_recurrent_mode
 from sim2real.config.compose import compose, instantiate
 from sim2real.learning.algorithms.base import build
 from sim2real.learning.algorithms.ppo import PPO
+from sim2real.learning.modules.actor_critic import _is_unconverted
 from sim2real.runs.errors import Sim2RealError
 
 GRU = ["policy=gru", "policy.window=8", "algorithm.num_rows=6", "algorithm.steps=16"]
@@ -118,5 +119,24 @@ def test_what_does_not_fit_is_said() -> None:
     """A window that divides no iteration, images as whole numbers, a network of another kind."""
     with pytest.raises(Sim2RealError, match=r"window=8 does not divide algorithm\.steps=20"):
         learner("env=hopper", *GRU, "algorithm.steps=20")
-    with pytest.raises(Sim2RealError, match="transforms=pixels"):
+    with pytest.raises(Sim2RealError, match=r"unsigned char.*transforms=pixels"):
         learner(*PIXELS, "transforms=none")
+    with pytest.raises(Sim2RealError, match=r"Kernel size.*the image is too small") as small:
+        learner(*PIXELS, "env.size=16")
+    assert "transforms" not in str(small.value)
+
+
+@pytest.mark.parametrize(
+    ("shape", "dtype", "unconverted"),
+    [
+        ((1, 36, 36, 3), torch.float32, True),
+        ((1, 4, 36, 36), torch.uint8, True),
+        ((1, 4, 36, 36), torch.float32, False),
+        ((1, 11), torch.float32, False),
+    ],
+)
+def test_an_image_of_bytes_or_with_channels_last_is_unconverted(
+    shape: tuple[int, ...], dtype: torch.dtype, unconverted: bool
+) -> None:
+    """Those a transform has still to turn into what a network reads."""
+    assert _is_unconverted(torch.zeros(shape, dtype=dtype)) is unconverted
