@@ -92,7 +92,7 @@ class Inference:
     coarse_noises: float = setting(
         20.0,
         "noises",
-        "RMS error by which longer steps may change the model as given (3 to 10 on the robots of "
+        "RMS error by which longer steps may change the model as given (3 to 15 on the robots of "
         "the exams); else its own are taken",
         COST,
     )
