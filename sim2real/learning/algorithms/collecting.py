@@ -7,6 +7,7 @@ data = collecting.next()                        # (N, T), as TorchRL's collector
 import atexit
 import logging
 import weakref
+from collections.abc import Callable
 from typing import Any
 
 from tensordict import TensorDict, TensorDictBase
@@ -112,18 +113,32 @@ class ResumableCollector:
         self._collector._carrier = carrier
 
     def load_statistics(self, state: dict[str, Any]) -> None:
-        """Take over what the transforms know of all rows, to act."""
-        self._load(drop_per_row_state(state["transforms"]), strict=False)
+        """Take over what the transforms know of all rows, to act.
 
-    def _load(self, transforms: dict[str, Any], strict: bool = True) -> None:
-        there, here = set(transforms), set(self.env.transform.state_dict())
-        if (there != here) if strict else not there <= here:
-            odd = ", ".join(sorted(there ^ here))
+        Raises:
+            CheckpointError: for a state of other transforms.
+        """
+        self._load(state["transforms"], drop_per_row_state)
+
+    def _load(self, transforms: dict[str, Any], part: Callable[..., dict[str, Any]] = dict) -> None:
+        """Load a part of a state of the same transforms."""
+        there, here = part(transforms), part(self.env.transform.state_dict())
+        if there.keys() != here.keys():
+            names = dict(enumerate(self._environment.transforms))
+            odd = [names.get(_place(key), key) for key in here if key not in there]
+            lost = [f"transform {_place(key)}" for key in there if key not in here]
             raise CheckpointError(
-                f"checkpoint: the transforms differ between the checkpoint and this run ({odd}); "
-                "give the run the checkpoint's transforms"
+                "checkpoint: the transforms differ between the checkpoint and this run; only this "
+                f"run has {', '.join(odd) or 'none'}, only the checkpoint has "
+                f"{', '.join(lost) or 'none'}; remove transforms= and algorithm=, or give the "
+                "transforms= of its training"
             )
-        self.env.transform.load_state_dict(transforms, strict=strict)
+        self.env.transform.load_state_dict(there, strict=part is dict)
+
+
+def _place(key: str) -> int:
+    """Return which transform of the chain, from 0, an entry of its state belongs to."""
+    return int(key.split(".")[1])
 
 
 def _shut_down(collector: BaseCollector) -> None:

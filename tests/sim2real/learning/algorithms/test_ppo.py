@@ -349,6 +349,23 @@ def test_a_state_of_other_settings_is_refused() -> None:
         learner("policy.actor.num_cells=[8]", preset="ppo").load_state_dict(state)
 
 
+@pytest.mark.parametrize(
+    ("of", "here", "sentence"),
+    [
+        ("ppo_sb3", "ppo", "only this run has observation_norm, reward_scaling"),
+        ("ppo", "ppo_sb3", "the checkpoint has transform 1, transform 2"),
+    ],
+)
+def test_a_policy_acts_behind_the_transforms_of_its_training(
+    of: str, here: str, sentence: str
+) -> None:
+    """Statistics that nothing has gathered are refused like those that are not used."""
+    state = learner(preset=of, num_rows=4).state_dict()
+    other = learner(preset=here, num_rows=4)
+    with pytest.raises(CheckpointError, match=f"{sentence}.*; remove transforms="):
+        other.load_policy(state)
+
+
 def test_a_policy_is_taken_over_without_the_rest(tmp_path: Path) -> None:
     """To be evaluated, a policy needs neither the rows nor the settings of its training."""
     trained = learner(preset="ppo", num_rows=4)
