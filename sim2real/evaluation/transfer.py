@@ -8,7 +8,8 @@
 
 A robot is the run's own task with some arguments changed, an effects.yaml put into it, or both. The
 policy acts deterministically and does not adapt; every robot gets the same seeds of episodes, and
-nothing is drawn: parameters that training randomized are as the model says.
+nothing is drawn: parameters that training randomized are as the model says. A policy that receives
+its robot's parameters receives those of the named robot.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from __future__ import annotations
 import inspect
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,8 @@ from typing import Any
 import numpy as np
 
 from envs.errors import did_you_mean
+from envs.plant import Fixed
+from envs.randomization import Tasks
 from sim2real.learning.algorithms.base import Algorithm
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.population.population import draw_seeds
@@ -109,8 +113,9 @@ class Transfer:
 
     def check(self, algorithm: Algorithm) -> None:
         """Raise TransferError for a robot that cannot be made of the run's task."""
+        env = algorithm.parts.environment
         for robot, changes in self.robots.items():
-            env_with_robot(algorithm.parts.environment, robot, dict(changes))
+            true_context(env, robot, env_with_robot(env, robot, dict(changes)))
 
     def assess(
         self, algorithm: Algorithm, seed: int, name: str, progress: Report | None = None
@@ -138,7 +143,9 @@ class Transfer:
         seeds = draw_seeds(np.random.default_rng([seed, EPISODES]), self.episodes)
         played: dict[str, EpisodeResults] = {}
         for robot, world in worlds.items():
-            played[robot] = trained.run_episodes(seeds, world)
+            said = true_context(env, robot, world)
+            theta = None if said is None else np.append(trained.theta, said).astype(np.float32)
+            played[robot] = trained.run_episodes(seeds, world, theta=theta)
             if progress is not None:
                 progress(len(played), len(worlds))
         return TransferScores(
@@ -240,6 +247,67 @@ def env_with_robot(
     given = {**env.base.keywords, "task": type(task)(**(known | changes))}
     changed = env.with_base(partial(env.base.func, *env.base.args, **given))
     return changed.with_effects(effects)
+
+
+def true_context(
+    env: EnvironmentFactory, robot: str, world: EnvironmentFactory
+) -> np.ndarray | None:
+    """Return what a policy receives of a named robot, (P,), -1 to 1 over the ranges of training.
+
+    A parameter that training added to a model, or multiplied, is relative to the run's own model.
+
+    Args:
+        env: the run's own environment.
+        robot: its name, for messages.
+        world: the environment with it, of `env_with_robot`.
+
+    Returns:
+        None where the policy does not receive true parameters.
+
+    Raises:
+        TransferError: an effect of the robot that says a parameter in another way than training.
+    """
+    context = env.context_spec
+    if context is None or not env.context_is_true:
+        return None
+    own = _levels(env, env.tasks, env.fixed, robot)
+    there = _levels(world, env.tasks, [*task_of(world).fixed(), *world.fixed], robot)
+    truth = []
+    for p in context.parameters:
+        before, now = own[p.name], there[p.name]
+        if p.how == "add":
+            now -= before
+        elif p.how == "scale":
+            now = 1.0 if now == before else np.divide(now, before)
+        truth.append(now)
+    return context.normalize(np.array(truth), np.inf)
+
+
+def _levels(
+    world: EnvironmentFactory, tasks: Tasks, fixed: Sequence[Fixed], robot: str
+) -> dict[str, float]:
+    """Return the parameters of tasks in a world with fixed effects, absolute where they can be."""
+    places = {(effect.name, effect.where) for effect in tasks.effects}
+    others = [one for one in world.fixed if (one[0].name, one[0].where) not in places]
+    rows: Any = replace(world, tasks=tasks, fixed=others).base_rows(1, threads=1)
+    model, known = rows.plant.model, {p.name: p for p in rows.space.parameters}
+    levels = {}
+    for effect in map(copy, tasks.effects):
+        effect.how = "set" if "set" in effect.hows else effect.how
+        levels |= {p.name: p.neutral for p in effect.parameters(model)}
+    for effect, values in fixed:
+        for p, value in zip(effect.parameters(model), np.ravel(values).tolist(), strict=True):
+            if (drawn := known.get(p.name)) is None:
+                continue
+            if (p.how, p.side) != (drawn.how, drawn.side):
+                raise TransferError(
+                    f"eval.robots.{robot}: {p.name} has how={p.how}, side={p.side}, but the policy "
+                    f"receives how={drawn.how}, side={drawn.side}; write the effect so, or remove "
+                    f"the robot (~eval.robots.{robot})"
+                )
+            level = levels[p.name]
+            levels[p.name] = {"set": value, "add": level + value, "scale": level * value}[p.how]
+    return levels
 
 
 def task_arguments(task: Any) -> dict[str, Any]:

@@ -15,9 +15,15 @@ from envs import HopperPolito, MujocoEnv, make
 from envs.errors import TaskError
 from envs.toys import Nav2D, ToyEnv
 from sim2real.config.compose import compose, instantiate
-from sim2real.evaluation.transfer import Transfer, TransferError, env_with_robot, read
+from sim2real.evaluation.transfer import (
+    Transfer,
+    TransferError,
+    env_with_robot,
+    read,
+    true_context,
+)
 from sim2real.learning.algorithms.base import Algorithm, Components
-from sim2real.learning.environment import EnvironmentFactory
+from sim2real.learning.environment import EnvironmentFactory, environment_of
 from sim2real.learning.modules.acting import Acting
 from sim2real.learning.trained import TrainedPolicy
 
@@ -107,6 +113,70 @@ def test_effects_of_the_runs_simulator_are_not_the_robots() -> None:
     for robot in ROBOTS:
         np.testing.assert_array_equal(plain.returns[robot], found.returns[robot])
     assert (plain.trained_on, found.trained_on) == ("source", None)
+
+
+def conditioned(low: float, high: float, *words: str, **effect: Any) -> EnvironmentFactory:
+    """Return the study's Hopper, whose policy receives one parameter of the robot."""
+    own = ["env=hopper_polito", "env.task.masses=legacy", "params=mass_friction"]
+    tree = compose([*own, "transforms=with_params", *words])
+    draw: dict[str, Any] = {"effect": "link_mass", "where": "torso", **effect}
+    tree["params"]["draws"] = [{**draw, "low": low, "high": high}]
+    return environment_of(tree)
+
+
+def received(world: EnvironmentFactory, **robot: Any) -> Any:
+    """Return what a policy receives of a robot."""
+    return true_context(world, "robot", env_with_robot(world, "robot", robot))
+
+
+@pytest.mark.parametrize(
+    ("how", "low", "high", "truth"),
+    [("set", 1.0, 5.0, 3.53429174), ("add", -2.0, 2.0, 1.0), ("scale", 0.0, 2.0, 1.39458762)],
+)
+def test_a_policy_receives_the_parameters_of_the_named_robot(
+    how: str, low: float, high: float, truth: float
+) -> None:
+    """They are relative to the model of the training where the policy learned them so."""
+    world = conditioned(low, high, how=how)
+    said = received(world, domain="target")
+    middle, half = (low + high) / 2, (high - low) / 2
+    np.testing.assert_allclose(said, [(truth - middle) / half], rtol=1e-6)
+
+
+def test_a_named_robot_s_effects_are_what_its_policy_receives(tmp_path: Path) -> None:
+    """In the way of the training; in another one they are refused, as is no truth at all."""
+    file = tmp_path / "heavy.yaml"
+    file.write_text("- {effect: link_mass, where: torso, value: 1.0}\n", encoding="utf-8")
+    world = conditioned(-2.0, 2.0, how="add")
+    heavy = {"effects": str(file)}
+    np.testing.assert_allclose(received(world, **heavy), [0.5])
+    other = conditioned(0.5, 3.5, how="scale")
+    with pytest.raises(TransferError, match=r"heavy: link_mass.torso has how=add.* how=scale.*;"):
+        Transfer({"heavy": heavy}, 1).check(Motionless(other))
+    untold = conditioned(-2.0, 2.0, "transforms.with_params.truth=false", how="add")
+    assert received(untold) is None
+
+
+def test_episodes_on_a_named_robot_show_its_parameters() -> None:
+    """The policy acts on the torso's true mass, not on the centre of the range."""
+    seen: list[torch.Tensor] = []
+
+    class Noting(Still):
+        def forward(self, observation: torch.Tensor) -> torch.Tensor:
+            seen.append(observation[:, 11:])
+            return super().forward(observation)
+
+    class Conditioned(Motionless):
+        def trained(self) -> TrainedPolicy:
+            return replace(super().trained(), actor=lambda theta: Acting(Noting()))
+
+    words = ["env=hopper", "params=mass_friction", "transforms=with_params"]
+    world = environment_of(compose([*words, "env.task.max_steps=5"]))
+    Transfer({"target": {}}, episodes=2).assess(Conditioned(world), 0, "seed 0")
+    torch.testing.assert_close(
+        torch.cat(seen)[:, 0].unique(), torch.tensor([-0.3336]), atol=1e-3, rtol=0
+    )
+    assert len(torch.cat(seen)) == 2 * len(seen) > 0
 
 
 def test_files_hold_every_episode(tmp_path: Path) -> None:
