@@ -131,8 +131,9 @@ class RunningNorm(Transform):
         decay: how much of the past remains after each step; 1 keeps all of it.
         limit: deviations beyond which an entry is cut.
         hold: steps for which the mean and deviation that are applied stay the same; with the length
-            of a batch, its values and returns are of one normalization. Entries pass as they are
-            for this number of steps. 1 renews them at each step.
+            of a batch, all that is acted on in it has one normalization. What follows its last step
+            is where the next batch begins, and has that one's. Entries pass as they are until then.
+            1 renews them at each step.
 
     In evaluation mode (`eval()`) the statistics stay as they are, and the newest are applied.
 
