@@ -278,8 +278,15 @@ class ExternalObservationRows:
 
 
 def drop_per_row_state(state: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the transforms' state without the per-row buffers of `CatFrames`."""
-    return {name: value for name, value in state.items() if "_cat_buffers_" not in name}
+    """Return the transforms' state without that of episodes in progress.
+
+    This is what `CatFrames` keeps of each row, and the running returns of `RewardScaling`.
+    """
+    return {
+        name: value | {"running": None} if isinstance(value, dict) and "running" in value else value
+        for name, value in state.items()
+        if "_cat_buffers_" not in name
+    }
 
 
 class ExternalObservationEnv(RowsEnv):

@@ -10,6 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+import torch
 
 from hardware.log import Log
 from sim2real.config import extensions
@@ -17,6 +18,7 @@ from sim2real.config.compose import compose, instantiate
 from sim2real.diagnosis.preflight import checks
 from sim2real.learning.algorithms.base import build
 from sim2real.learning.environment import make_env
+from tests.sim2real.trained import make_learner
 
 ENV = """
 import torch
@@ -103,6 +105,26 @@ def test_an_environment_of_one_s_own_is_trained_in(own: Path) -> None:
     _, given = instantiate(tree, own / "out")
     learner = build(given["algorithm"], given["parts"])
     assert learner.iterate()["train/frames"] == 64
+
+
+def test_a_resumed_run_starts_episodes_that_cannot_be_resumed(own: Path) -> None:
+    """Nothing of the interrupted ones goes on in them: no length, no return, no frames."""
+    limit = "+transforms.limit={_target_: torchrl.envs.StepCounter, max_steps: 12}"
+    frames = "{_target_: torchrl.envs.CatFrames, N: 2, dim: -1, in_keys: [observation]}"
+    words = ["env=point", "algorithm=ppo_sb3", "transforms=normalized", limit, *SMALL]
+    words.append(f"+transforms.frames={frames}")
+    first, second = (make_learner(words, own / "out") for _ in range(2))
+    first.iterate()
+    second.load_state_dict(first.state_dict())
+
+    norm, scaling = (second.collecting.env.transform[i] for i in (1, 2))
+    assert scaling._running is None and norm.moments["observation"].count == 4 * (1 + 16 + 1 + 1)
+    mean, std = norm.affine()
+    place = (second.collecting.env.base_env.place - mean) / std
+    shown = second.collecting._collector._carrier["observation"]
+    torch.testing.assert_close(shown, torch.cat([place, place], -1).float())
+    assert second.iterate()["train/episode_length"] == 12
+    assert first.iterate()["train/episode_length"] == 12  # it was not interrupted
 
 
 def test_a_task_of_one_s_own_is_simulated(own: Path) -> None:

@@ -98,19 +98,28 @@ class ResumableCollector:
                 f"checkpoint: it has {state['rows']} rows, this run {here}; set "
                 f"algorithm.num_rows={state['rows']}"
             )
-        self._load(state["transforms"])
+        rows, episodes = self._rows, state["episodes"]
+        anew = rows is None or episodes is None
+        self._load(state["transforms"], drop_per_row_state if anew else dict)
         self._collector._frames = state["frames"]
         self.returns.load_state_dict(state["returns"])
-        if self._rows is None or state["episodes"] is None:
-            log.warning(
-                "%s in %s cannot resume its episodes; the resumed run starts new ones",
-                type(self.env.base_env).__name__,
-                type(self._collector).__name__,
-            )
+        if rows is None or episodes is None:
+            self._start_anew()
             return
-        self._rows.resume(state["episodes"])
+        rows.resume(episodes)
         carrier = TensorDict(state["carrier"], self.env.batch_size, device=self.env.device)
         self._collector._carrier = carrier
+
+    def _start_anew(self) -> None:
+        """Begin an episode in every row."""
+        self.returns.restart()
+        if not isinstance(self._collector, MultiCollector):  # whose processes have just begun
+            self._collector.reset()
+        log.warning(
+            "%s in %s cannot resume its episodes; the resumed run starts new ones",
+            type(self.env.base_env).__name__,
+            type(self._collector).__name__,
+        )
 
     def load_statistics(self, state: dict[str, Any]) -> None:
         """Take over what the transforms know of all rows, to act.

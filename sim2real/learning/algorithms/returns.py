@@ -46,6 +46,10 @@ class EpisodeReturnTracker:
             "train/failed": float(self.failures),
         }
 
+    def restart(self) -> None:
+        """Let every row begin an episode; those that have ended stay."""
+        self._returns[:], self._lengths[:] = 0.0, 0
+
     def state_dict(self) -> dict[str, Any]:
         """Return the state: running and finished episodes."""
         return {
