@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from envs.errors import did_you_mean
+from envs.params import Parameter
 from envs.plant import Fixed
 from envs.randomization import Tasks
 from sim2real.learning.algorithms.base import Algorithm
@@ -254,7 +255,7 @@ def true_context(
 ) -> np.ndarray | None:
     """Return what a policy receives of a named robot, (P,), -1 to 1 over the ranges of training.
 
-    A parameter that training added to a model, or multiplied, is relative to the run's own model.
+    What training added to the run's own model, or multiplied there, is relative to that model.
 
     Args:
         env: the run's own environment.
@@ -265,7 +266,7 @@ def true_context(
         None where the policy does not receive true parameters.
 
     Raises:
-        TransferError: an effect of the robot that says a parameter in another way than training.
+        TransferError: an effect of the robot that says what cannot be said as in training.
     """
     context = env.context_spec
     if context is None or not env.context_is_true:
@@ -290,16 +291,16 @@ def _levels(
     places = {(effect.name, effect.where) for effect in tasks.effects}
     others = [one for one in world.fixed if (one[0].name, one[0].where) not in places]
     rows: Any = replace(world, tasks=tasks, fixed=others).base_rows(1, threads=1)
-    model, known = rows.plant.model, {p.name: p for p in rows.space.parameters}
-    levels = {}
+    model, known = rows.plant.model, dict[str, Parameter]()
     for effect in map(copy, tasks.effects):
         effect.how = "set" if "set" in effect.hows else effect.how
-        levels |= {p.name: p.neutral for p in effect.parameters(model)}
+        known |= {p.name: p for p in effect.parameters(model)}
+    levels = {name: p.neutral for name, p in known.items()}
     for effect, values in fixed:
         for p, value in zip(effect.parameters(model), np.ravel(values).tolist(), strict=True):
             if (drawn := known.get(p.name)) is None:
                 continue
-            if (p.how, p.side) != (drawn.how, drawn.side):
+            if p.side != drawn.side or drawn.how not in ("set", p.how):
                 raise TransferError(
                     f"eval.robots.{robot}: {p.name} has how={p.how}, side={p.side}, but the policy "
                     f"receives how={drawn.how}, side={drawn.side}; write the effect so, or remove "

@@ -144,17 +144,21 @@ def test_a_policy_receives_the_parameters_of_the_named_robot(
 
 
 def test_a_named_robot_s_effects_are_what_its_policy_receives(tmp_path: Path) -> None:
-    """In the way of the training; in another one they are refused, as is no truth at all."""
-    file = tmp_path / "heavy.yaml"
+    """Whatever the way of the training; what that cannot say is refused, or nobody asks for it."""
+    file = tmp_path / "other.yaml"
     file.write_text("- {effect: link_mass, where: torso, value: 1.0}\n", encoding="utf-8")
-    world = conditioned(-2.0, 2.0, how="add")
-    heavy = {"effects": str(file)}
-    np.testing.assert_allclose(received(world, **heavy), [0.5])
-    other = conditioned(0.5, 3.5, how="scale")
-    with pytest.raises(TransferError, match=r"heavy: link_mass.torso has how=add.* how=scale.*;"):
-        Transfer({"heavy": heavy}, 1).check(Motionless(other))
+    other = {"effects": str(file)}
+    np.testing.assert_allclose(received(conditioned(-2.0, 2.0, how="add"), **other), [0.5])
+    scaled = conditioned(0.0, 2.0, how="scale")
+    np.testing.assert_allclose(received(scaled, **other), [0.39458762], rtol=1e-6)
+    heavier = replace(scaled, fixed=[(make("link_mass", where="torso"), [1.0])])
+    np.testing.assert_allclose(received(heavier, **other), [0.0])
     untold = conditioned(-2.0, 2.0, "transforms.with_params.truth=false", how="add")
-    assert received(untold) is None
+    assert received(untold, **other) is None
+    file.write_text("- {effect: backlash, where: leg_joint, side: link, value: 0.1}\n", "utf-8")
+    motor = conditioned(0.0, 0.2, effect="backlash", where="leg_joint", side="motor")
+    with pytest.raises(TransferError, match=r"robots.a: backlash.leg_joint .*side=link.*=motor; w"):
+        Transfer({"a": other}, 1).check(Motionless(motor))
 
 
 def test_episodes_on_a_named_robot_show_its_parameters() -> None:
