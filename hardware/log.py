@@ -314,9 +314,12 @@ def _check(columns: dict[str, np.ndarray], place: str, first_line: int | None) -
     bad = np.flatnonzero(same & (np.diff(time) <= 0)) + 1
     if bad.size:
         before, now = time[bad[0] - 1], time[bad[0]]
-        word = "repeats" if now == before else "runs back"
+        word, fix = "repeats", "remove the row, or stamp rows with more digits"
+        if now < before:
+            word, fix = "runs back", "give the rows of another recording another `episode`"
         raise LogError(
-            f"{at(bad[0], 'time')}: time {word}, {now:.9g} s after {before:.9g} s in one episode"
+            f"{at(bad[0], 'time')}: time {word}, {now:.9g} s after {before:.9g} s in one episode; "
+            f"{fix}"
         )
     _check_episodes(episode, same, place, at)
 

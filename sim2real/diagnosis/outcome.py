@@ -43,9 +43,11 @@ def write(found: Diagnosis, out: Path) -> None:
     """Write all files of a diagnosis into a folder, the report first.
 
     A log that contradicts itself says nothing of the robot: with a finding of `BLOCKING` there is
-    neither `effects.yaml` nor `model.xml`.
+    neither `effects.yaml` nor `model.xml`, nor those of an earlier diagnosis.
     """
     out.mkdir(parents=True, exist_ok=True)
+    for earlier in ("effects.yaml", "model.xml"):
+        (out / earlier).unlink(missing_ok=True)
     found.report.write(out / "report.json")
     write_html(out / "report.html", found.report)
     if not blocking_findings(found.report):

@@ -17,6 +17,7 @@ EQUALITY = int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
 DENSE = int(mujoco.mjtJacobian.mjJAC_DENSE)
 ROUNDS = 10  # steps at most to close couplings
 CLOSED = 1e-9  # m or rad: their residuals that are rounding
+LOOSE = 1e-6  # of a joint's motion by itself: below it is rounding
 
 
 def home(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
@@ -56,23 +57,43 @@ def follow_couplings(
     if not model.neq or not free:
         return qpos, qvel
     dofs = np.flatnonzero(np.isin(model.dof_jntid, free))
-    data, kind = mujoco.MjData(model), model.opt.jacobian
+    data = mujoco.MjData(model)
     data.qpos[:], moved, left = qpos, np.zeros(model.nv), []
-    model.opt.jacobian = DENSE
-    try:
-        for _ in range(ROUNDS):
-            mujoco.mj_fwdPosition(model, data)
-            coupled = data.efc_type == EQUALITY
-            slopes = data.efc_J.reshape(-1, model.nv)[coupled]  # (E, nv)
-            left.append(float(np.abs(data.efc_pos[coupled]).max(initial=0.0)))
-            if left[-1] < CLOSED:
-                break
-            moved[dofs] = -np.linalg.pinv(slopes[:, dofs]) @ data.efc_pos[coupled]
-            mujoco.mj_integratePos(model, data.qpos, moved, 1.0)
-    finally:
-        model.opt.jacobian = kind
+    for _ in range(ROUNDS):
+        slopes, residuals = _couplings(model, data)
+        left.append(float(np.abs(residuals).max(initial=0.0)))
+        if left[-1] < CLOSED:
+            break
+        moved[dofs] = -np.linalg.pinv(slopes[:, dofs]) @ residuals
+        mujoco.mj_integratePos(model, data.qpos, moved, 1.0)
     if left[-1] > left[0]:  # nothing fulfils them from here
         return qpos, qvel
     qvel, known = qvel.copy(), np.setdiff1d(np.arange(model.nv), dofs)
     qvel[dofs] = -np.linalg.pinv(slopes[:, dofs]) @ (slopes[:, known] @ qvel[known])
     return data.qpos.copy(), qvel
+
+
+def find_led(model: mujoco.MjModel, qpos: np.ndarray, logged: Collection[int]) -> set[int]:
+    """Return the unlogged joints whose positions the couplings tell, in a pose (nq,).
+
+    These are the ones that no motion which the couplings allow moves by itself.
+    """
+    free = np.array([int(model.jnt_qposadr[j]) not in logged for j in model.dof_jntid], bool)
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos
+    slopes, _ = _couplings(model, data)
+    alone = np.zeros((model.nv, int(free.sum())))
+    alone[free] = np.eye(len(alone.T)) - np.linalg.pinv(slopes[:, free]) @ slopes[:, free]
+    loose = np.abs(alone).max(axis=1, initial=0.0) > LOOSE
+    return {j for j in range(model.njnt) if not loose[model.dof_jntid == j].any()}
+
+
+def _couplings(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[np.ndarray, np.ndarray]:
+    """Return the Jacobian (E, nv) and the residuals (E,) of the couplings at a position."""
+    kind, model.opt.jacobian = model.opt.jacobian, DENSE
+    try:
+        mujoco.mj_fwdPosition(model, data)
+    finally:
+        model.opt.jacobian = kind
+    own = data.efc_type == EQUALITY
+    return data.efc_J.reshape(-1, model.nv)[own], data.efc_pos[own].copy()

@@ -51,7 +51,8 @@ def load_model(log: Log, model: str | Path | None) -> mujoco.MjSpec:
     try:
         spec = load_spec(path)
     except TaskError as error:
-        raise Sim2RealError(f"{log.path}: {error}; give model=PATH") from None
+        fix = "; give model=PATH" if model is None else ""
+        raise Sim2RealError(f"{log.path}: {error}{fix}") from None
     if not spec.actuators:
         raise Sim2RealError(
             f"{path}: the model has no actuators, so a log's commands would move nothing; add "

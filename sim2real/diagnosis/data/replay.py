@@ -34,6 +34,7 @@ from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
 
 log_ = logging.getLogger(__name__)
+MILLI = 1e-3
 SHOWN = 4  # logs in the picture
 
 
@@ -125,9 +126,10 @@ def write(gaps: Sequence[Gap], out: Path) -> None:
     table = Table(("log", "joint", "rmse", "mae"))
     for gap in gaps:
         for joint, error in gap.errors().items():
-            table.add(name_of(gap.log, ""), joint, error["rmse"], error["mae"])
-    table.add("all", "", found["rmse"], found["mae"])
-    table.notes.append("Errors in rad (hinges) or m (slides), over all rows; nothing was fitted.")
+            table.add(name_of(gap.log, ""), joint, error["rmse"] / MILLI, error["mae"] / MILLI)
+    table.add("all", "", found["rmse"] / MILLI, found["mae"] / MILLI)
+    note = "Errors in mrad (hinges) or mm (slides), over all rows; nothing was fitted."
+    table.notes.append(note)
     draw(gaps[:SHOWN], out / "plots" / "replay.png")
     table.write(out / "table")
     write_text(out / "replay.json", json.dumps(found, indent=1))

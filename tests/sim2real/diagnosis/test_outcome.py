@@ -68,7 +68,9 @@ def test_a_cause_that_is_numerics_is_told_and_not_written(tmp_path, found, monke
 
 @pytest.mark.parametrize(("check", "files"), [("range", 2), ("rate", 2), ("gaps", 4)])
 def test_a_log_that_contradicts_itself_makes_no_effects(tmp_path, found, check, files) -> None:
-    """The report is there and its last words say why nothing else is."""
+    """The report is there and its last words say why nothing else is, also no earlier ones."""
+    write(found, tmp_path)
+    assert len(list(tmp_path.iterdir())) == 4
     finding = Finding(check, "a", "It looks wrong.", "Mend it.")
     report = replace(found.report, preflight=(finding,))
     write(found._replace(report=report), tmp_path)

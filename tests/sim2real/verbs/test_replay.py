@@ -149,7 +149,10 @@ def test_the_end_names_joints_and_units(tmp_path: Path, caplog: pytest.LogCaptur
     """One line: the error of all, its unit, and that of each joint."""
     with caplog.at_level("INFO"):
         run(log=str(make_log(tmp_path, 0.02)), model=None, effects=None, out=tmp_path)
-    assert re.search(r"rmse 0\.0\d+ rad or m over 1 logs: hinge 0\.0\d+", caplog.text)
+    found = re.search(r"rmse 0\.0\d+ rad or m over 1 logs: hinge (0\.0\d+)", caplog.text)
+    assert found is not None
+    row = next(r for r in (tmp_path / "table.md").read_text().splitlines() if "hinge" in r)
+    assert float(row.split("|")[3]) == pytest.approx(1000 * float(found[1]), abs=0.06)
 
 
 def test_a_mistake_of_the_log_is_said_first(tmp_path: Path, caplog) -> None:

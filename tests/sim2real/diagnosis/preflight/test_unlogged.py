@@ -65,6 +65,24 @@ def test_a_slide_that_falls_is_named() -> None:
     assert "`qpos.lift` is not logged" in text
 
 
+def test_a_joint_that_a_coupling_leads_needs_no_encoder() -> None:
+    """Its position follows from the logged ones; what moves by itself beside it does not."""
+    led, free = (
+        f'<body pos="0 {y} 1"><joint name="{name}" axis="0 1 0" damping="0.01"/>'
+        '<geom type="capsule" fromto="0 0 0 .2 0 0" size=".02" mass="0.2"/></body>'
+        for y, name in ((1, "led"), (2, "free"))
+    )
+    gear = '<equality><joint joint1="led" joint2="hip" polycoef="0 -2 0 0 0"/></equality>'
+    text = CART.format(base="", height=1.0).replace(
+        '<geom type="plane"', f'{led}{free}<geom type="plane"', 1
+    )
+    spec = mujoco.MjSpec.from_string(text.replace("<actuator>", f"{gear}<actuator>"))
+    time = np.arange(300) * 0.01
+    own = {"episode": 0 * time, "time": time, "ctrl.hip": 0.5 * np.sin(5 * time)}
+    log = Log({**own, "qpos.hip": 0.4 * np.sin(5 * time)})
+    assert [f.where for f in check_unlogged([(log, spec.copy().compile())], [spec])] == ["free"]
+
+
 def test_the_arm_is_whole() -> None:
     """Every joint of it is logged."""
     pairs = [(arm.make_log(seconds=4.0), arm.spec().compile())]
