@@ -13,6 +13,7 @@ lie under `reading` in its metadata.
 * Lost answers are cells without a number; a constant that a reading jumps to and back from (0 or
   2³² while the bus was silent); a reading that stands still while the joint moves on, and jumps.
   A jump is faster than `FASTEST` and than `SUDDEN` times the usual change from row to row.
+* Rows without a column `episode` are one episode.
 * Angles that come in at the other end of a turn are made continuous.
 * Columns that arrive at different rates become rows of a log (`hardware.formats.rates`).
 """
@@ -23,7 +24,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from hardware.errors import LogError
+from hardware.errors import LogError, did_you_mean
 from hardware.formats.names import INTEGER_KINDS, REQUIRED
 from hardware.formats.rates import COMMANDS, FRESH, Columns, align, episodes, of_several_rates
 
@@ -51,7 +52,10 @@ def repair(columns: Mapping[str, np.ndarray], place: str, line: int | None) -> t
         LogError: a command or a time that is missing, or a column without a number; the message
             says row and column, and what to do.
     """
-    columns, notes = dict(columns), []
+    columns, notes = dict(columns), list[str]()
+    if "time" in columns and "episode" not in columns and not did_you_mean("episode", columns):
+        columns["episode"] = np.zeros(len(columns["time"]))
+        notes.append("no column `episode`: all rows are one episode")
     if not set(REQUIRED) <= set(columns) or not len(columns["time"]):
         return columns, notes
     _check_numbers(columns, place, line)

@@ -59,6 +59,14 @@ def test_a_log_that_begins_shortly_after_its_episode_is_left_alone(tmp_path: Pat
     assert read_log(csv(tmp_path, TIME + 0.0203)).time[0] == 0.0203
 
 
+def test_rows_without_a_column_of_episodes_are_one(tmp_path: Path) -> None:
+    """With a note; a column whose name comes near is asked about instead."""
+    log = read_log(csv(tmp_path, TIME, episode=None))
+    assert (log.episode == 0).all() and "one episode" in log.meta[READING][0]
+    with pytest.raises(LogError, match="did you mean 'episodes'"):
+        read_log(csv(tmp_path, TIME, episode=None, episodes=[0] * 200))
+
+
 def test_each_episode_has_its_own_start(tmp_path: Path) -> None:
     """Stamps move with the time."""
     episode = np.repeat([0, 1], 100)
