@@ -171,3 +171,8 @@ def pick_distinct(fits: Sequence[Fit], most: int) -> list[Fit]:
     for fit in fits:
         found.setdefault(fit.label, fit)
     return list(found.values())[:most]
+
+
+def pick_unlike(fits: Sequence[Fit]) -> list[Fit]:
+    """Return the first fit that mends the log, and the first that leaves it as it is."""
+    return list({bool(fit.hypothesis.mended): fit for fit in reversed(fits)}.values())

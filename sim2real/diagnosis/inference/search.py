@@ -24,6 +24,7 @@ from sim2real.diagnosis.inference.moves import (
     list_simpler,
     list_untied,
     pick_distinct,
+    pick_unlike,
     rank_fits,
     restart,
     without,
@@ -164,7 +165,7 @@ class Search:
         )
         for rest in parts:
             alike = pick_alike(self.glance, own, rest, self.lines, self.settings.alike)
-            self._fit_alike(alike, tried)
+            self._fit(alike, tried, alike=True)
         others = [line.member for line in self.lines]
         simpler = [start for place in every for start in list_simpler(best, place, others)]
         keep_better(self.quick.fit([restart(best), *simpler]), tried)
@@ -184,30 +185,32 @@ class Search:
         lines = trace_lines(self.glance, given, excluded)
         for rest in {fit.label: fit for fit in [*parts, given]}.values():
             alike = pick_alike(self.glance, own, rest, lines, self.settings.alike)
-            self._fit_alike(alike, found)
+            self._fit(alike, found, alike=True)
         members = [start.hypothesis.members[0] for start in excluded]
         simpler = [start for place in every for start in list_simpler(best, place, members)]
         keep_better(self.quick.fit(simpler), found)
         return list(found.values())
 
-    def _fit_alike(self, starts: Sequence[Start], tried: dict[str, Fit]) -> None:
-        """Fit what mends the log and what leaves it as it is into what was tried.
+    def _fit(self, starts: Sequence[Start], tried: dict[str, Fit], alike: bool = False) -> None:
+        """Fit starts into what was tried: at a glance, and the better half of each size fully.
 
-        Windows of another log start elsewhere: the unknowns around one say little of the other, so
-        that neither may take the other's place.
+        Args:
+            starts: what is fitted.
+            tried: gets the fits.
+            alike: whether starts stand for one another. Windows of another log start elsewhere, so
+                that the unknowns around one say little of the other: the best that mends the log
+                and the best that leaves it as it is are then fitted fully, too.
         """
-        for mends in (False, True):
-            self._fit([one for one in starts if bool(one.hypothesis.mended) == mends], tried)
-
-    def _fit(self, starts: Sequence[Start], tried: dict[str, Fit]) -> None:
-        """Fit starts into what was tried: at a glance, and the better half of each size fully."""
         rounds = self.settings.rounds - self.settings.glances
         for count in sorted({len(start.hypothesis.members) for start in starts}):
             own = [start for start in starts if len(start.hypothesis.members) == count]
             fits = self.glance.fit(own, rounds=self.settings.glances)
             fits.sort(key=lambda fit: -fit.density.sum())  # so few windows predict others badly
-            chosen = pick_distinct(fits, max(min(len(own), self.settings.refits) // HALVES, 1))
-            keep_better(self.quick.fit(map(restart, chosen), rounds), tried)
+            most = max(min(len(own), self.settings.refits) // HALVES, 1)
+            chosen = [*fits[:most], *(pick_unlike(fits) if alike else [])]
+            keep_better(
+                self.quick.fit(map(restart, pick_distinct(chosen, len(fits))), rounds), tried
+            )
 
 
 def is_better(fit: Fit, tried: Mapping[str, Fit]) -> bool:

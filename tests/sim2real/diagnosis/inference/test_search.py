@@ -47,7 +47,7 @@ def test_where_no_slope_promises_anything_every_change_is_fitted(
 
 
 def test_what_mends_the_log_takes_no_place_of_what_leaves_it(tmp_path: Path) -> None:
-    """The better half of each is fitted, whatever the unknowns around one say of the other."""
+    """The best of each is fitted among what is alike, whatever the unknowns around one say."""
     data = arm.data_of(
         arm.make_log(("coulomb_friction", {"where": "b"}, 0.12), noise=3e-4), tmp_path
     )
@@ -56,5 +56,7 @@ def test_what_mends_the_log_takes_no_place_of_what_leaves_it(tmp_path: Path) -> 
     judge.choices, tried = len(vocabulary.members), dict[str, Fit]()
     starts = vocabulary.list_starts(judge.replay_errors(judge.given), list(arm.JOINTS))
     assert len(starts) == len(PROPOSED) + 1
-    judge.search._fit_alike(starts, tried)
+    judge.search._fit(starts, tried)
+    assert set(tried) == {"coulomb_friction.b", "viscous_friction.b"}
+    judge.search._fit(starts, tried, alike=True)
     assert set(tried) == {"coulomb_friction.b", "viscous_friction.b", shift}
