@@ -27,7 +27,6 @@ OWNED = {  # what `registers` may not hold, as regular expressions, and what set
     ),
 }
 IN_RAD = "angles are in rad"
-MARGIN = 2.0  # times a servo's speed without load: what is faster has another unit
 LONGEST_WATCHDOG = 127  # steps
 MULTI_TURN = (4, 5)  # operating modes of Dynamixels whose goals are positions, beside 3
 
@@ -44,12 +43,12 @@ def check_robot(robot: Robot, place: str) -> None:
     """
     if not robot.servos:
         raise RobotError(f"{place}: servos: a robot has at least one")
+    if not robot.rate > 0:
+        raise RobotError(f"{place}: rate: {robot.rate} is not above 0")
     for servo in robot.servos:
         _check_servo(robot, servo, f"{place}: servos.{servo.name}")
     for part in robot.parts():
         _check_bus(part, place)
-    if not robot.rate > 0:
-        raise RobotError(f"{place}: rate: {robot.rate} is not above 0")
     widest = max(high - low for low, high in (servo.position for servo in robot.servos))
     if not 0 < robot.max_step <= widest:
         raise RobotError(
@@ -115,12 +114,11 @@ def _check_servo(robot: Robot, servo: Servo, place: str) -> None:
     _check_effort(servo, place)
     check_registers(robot, servo, place)
     _check_supply(robot, servo, place)
-    volts = robot.supply_of(servo).voltage
-    fastest = MARGIN * volts / kind.torque_constant
+    fastest = (servo.position[1] - servo.position[0]) * robot.rate
     if not 0 < servo.velocity <= fastest:
         raise RobotError(
-            f"{place}: velocity {servo.velocity:g} rad/s; it is above 0, at most {fastest:.1f}, "
-            f"{MARGIN:g} times the speed of a {servo.model} at {volts:g} V without load; {IN_RAD}"
+            f"{place}: velocity {servo.velocity:g} rad/s; it is above 0, at most {fastest:g}, its "
+            f"whole travel in one step; {IN_RAD}"
         )
 
 
