@@ -14,7 +14,9 @@ SWING = 1.2 + 0.6 * np.sin(2 * TIME)
 NOW = 1768472890.5  # s since 1970
 
 
-def csv(folder: Path, time: list | np.ndarray, q: list | np.ndarray = SWING, **more: list) -> Path:
+def csv(
+    folder: Path, time: list | np.ndarray, q: list | np.ndarray = SWING, **more: list | None
+) -> Path:
     """Write a log of one joint whose cells are written as they are given."""
     columns = {"episode": [0] * 200, "time": time, "ctrl.a": SWING, "qpos.a": q, **more}
     columns = {name: values for name, values in columns.items() if values is not None}
