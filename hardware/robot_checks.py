@@ -28,7 +28,7 @@ OWNED = {  # what `registers` may not hold, as regular expressions, and what set
 }
 IN_RAD = "angles are in rad"
 LONGEST_WATCHDOG = 127  # steps
-MULTI_TURN = (4, 5)  # operating modes of Dynamixels whose goals are positions, beside 3
+MULTI_TURN = (4, 5)  # operating modes of Dynamixels whose goals are positions, in addition to 3
 
 
 def check_robot(robot: Robot, place: str) -> None:

@@ -92,8 +92,8 @@ class Inference:
     coarse_noises: float = setting(
         20.0,
         "noises",
-        "RMS error by which longer steps may change the model as given (3 to 15 on the robots of "
-        "the exams); else its own are taken",
+        "RMS change of the model as given by longer steps, which is taken off all errors as a "
+        "constant; where it is larger, the model's own steps are used",
         COST,
     )
     glances: int = setting(

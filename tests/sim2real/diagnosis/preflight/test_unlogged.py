@@ -66,7 +66,7 @@ def test_a_slide_that_falls_is_named() -> None:
 
 
 def test_a_joint_that_a_coupling_leads_needs_no_encoder() -> None:
-    """Its position follows from the logged ones; what moves by itself beside it does not."""
+    """Its position follows from the logged ones; a joint that moves by itself is still named."""
     led, free = (
         f'<body pos="0 {y} 1"><joint name="{name}" axis="0 1 0" damping="0.01"/>'
         '<geom type="capsule" fromto="0 0 0 .2 0 0" size=".02" mass="0.2"/></body>'
