@@ -9,7 +9,7 @@ best before it refines. Waves are fitted by their cosine and sine parts. Slopes 
 differences at first, of replays in longer time steps; each step corrects them by what it changed
 (Broyden 1965, doi:10.1090/S0025-5718-1965-0198670-6), and where they lead no further they are taken
 anew. A step that then promises no more than rounding ends the fit. What no slope leads to, whole
-numbers and edges at which a force jumps, is tried nearby as long as that is better. The
+numbers and edges at which a force jumps, is tried nearby first, step by step. The
 discrepancy's size is estimated anew at each trial, so that a step is judged by the density that
 decides.
 """
@@ -29,9 +29,7 @@ from sim2real.diagnosis.inference.likelihood import Likelihood, Trained
 from sim2real.diagnosis.inference.products import HALF
 from sim2real.diagnosis.inference.replayer import Job, Replay, Replayer
 from sim2real.diagnosis.inference.score import FOLDS
-from sim2real.diagnosis.settings import TINY
-
-BETTER = 0.05  # nats: gains below it are rounding
+from sim2real.diagnosis.inference.state import BETTER, State, widen
 
 
 class Start(NamedTuple):
@@ -115,8 +113,7 @@ class Fitter:
         """
         states = self._begin(starts)
         rounds = self.settings.rounds if rounds is None else rounds
-        if rounds:
-            self._walk(states)
+        self._walk(states, rounds)
         live = [state for state in states if state.hypothesis.smooth.any()]
         for left in reversed(range(rounds)):
             live = self._step(live) if live else []
@@ -135,8 +132,8 @@ class Fitter:
         Their errors `Fit.own` and `Fit.held`, (W, N, M) each, are known: `paths`.
         """
         own, held = (Replay(errors, np.zeros_like(errors)) for errors in paths)
-        state = _State(hypothesis, values, own, self._train(own))
-        return state.judged(held.error, self._score(state, held))
+        state = State(hypothesis, values, own, self._train(own))
+        return _as_fit(state, held, self._score(state, held))
 
     def score_within(
         self, fit: Fit, ranges: Sequence[Sequence[Any]], near: bool = False
@@ -158,7 +155,7 @@ class Fitter:
                 score[other] = (predicted - self.likelihood.charge(trained))[other]
         return scores
 
-    def _begin(self, starts: Iterable[Start]) -> list[_State]:
+    def _begin(self, starts: Iterable[Start]) -> list[State]:
         """Return each start at the best of its points."""
         jobs: list[tuple[Hypothesis, np.ndarray]] = []
         owners: list[int] = []
@@ -167,7 +164,7 @@ class Fitter:
             for values in hypothesis.clip(spread):
                 jobs.append((hypothesis, values))
                 owners.append(number)
-        states: dict[int, _State] = {}
+        states: dict[int, State] = {}
         for owner, state in zip(owners, self._make(jobs, self._replay(jobs)), strict=True):
             state.damping[:] = self.settings.damping
             if owner in states:
@@ -188,12 +185,12 @@ class Fitter:
         jobs: Sequence[tuple[Hypothesis, np.ndarray]],
         replays: Sequence[Replay],
         near: Sequence[Sequence[Trained]] | None = None,
-    ) -> list[_State]:
+    ) -> list[State]:
         """Return each hypothesis under values (2, P), its discrepancy trained, on several cores."""
         pairs = zip(replays, [None] * len(jobs) if near is None else near, strict=True)
         every = together([partial(self._train, *pair) for pair in pairs])
         made = zip(jobs, replays, every, strict=True)
-        return [_State(*job, replay, trained) for job, replay, trained in made]
+        return [State(*job, replay, trained) for job, replay, trained in made]
 
     def _train(self, replay: Replay, near: Sequence[Trained] | None = None) -> list[Trained]:
         """Return the discrepancy of each fold."""
@@ -203,19 +200,27 @@ class Fitter:
             for side, own in enumerate(self.sides)
         ]
 
-    def _walk(self, states: Sequence[_State]) -> None:
-        """Move to values that no slope leads to as long as that is better, in place."""
-        live = list(states)
-        while live:
-            trials = [(s, values) for s in live for values in s.hypothesis.list_near(s.values)]
-            jobs = [(state.hypothesis, values) for state, values in trials]
-            live = []
-            made = self._make(jobs, self._replay(jobs))
-            for (state, _), other in zip(trials, made, strict=True):
-                if (state.take(other, self.fold) > BETTER).any() and state not in live:
-                    live.append(state)
+    def _walk(self, states: Sequence[State], rounds: int) -> None:
+        """Move to values that no slope leads to as long as that is better, in place.
 
-    def _step(self, states: Sequence[_State]) -> list[_State]:
+        What gains by itself, such as at one joint of several, is tried together, too.
+        """
+        live = list(states)
+        for _ in range(rounds):
+            near = [(s, values) for s in live for values in s.hypothesis.list_near(s.values)]
+            trials = self._try(near)
+            joined = [(s, s.join([other for one, other in trials if one is s])) for s in live]
+            trials += self._try([(s, values) for s, values in joined if values is not None])
+            gains = [(s, s.take(other, self.fold)) for s, other in trials]
+            live = list(dict.fromkeys(s for s, gain in gains if (gain > BETTER).any()))
+
+    def _try(self, trials: Sequence[tuple[State, np.ndarray]]) -> list[tuple[State, State]]:
+        """Return each state with what it would be at other values (2, P)."""
+        jobs = [(state.hypothesis, values) for state, values in trials]
+        made = self._make(jobs, self._replay(jobs))
+        return [(state, other) for (state, _), other in zip(trials, made, strict=True)]
+
+    def _step(self, states: Sequence[State]) -> list[State]:
         """Take one step with each that promises a gain, and return those that may gain more."""
         self._differentiate([state for state in states if state.slopes is None])
         trials = {id(state): self._trial(state) for state in states}
@@ -227,7 +232,7 @@ class Fitter:
         made = self._make(pairs, self._replay(pairs), [state.trained for state in states])
         return [one for one, other in zip(states, made, strict=True) if self._improve(one, other)]
 
-    def _differentiate(self, states: Sequence[_State]) -> None:
+    def _differentiate(self, states: Sequence[State]) -> None:
         """Give each the slopes of its errors with its values, by finite differences."""
         nudges = [
             state.nudges(self.settings.difference, self.settings.difference_min) for state in states
@@ -243,12 +248,12 @@ class Fitter:
             bases = self._replay([(one.hypothesis, one.values) for one in states], self._quick)
         for state, base, nudge in zip(states, bases, nudges, strict=True):
             slopes = [
-                (next(moved).error - base.error) / _wide(nudge[self.fold, place], base.error)
+                (next(moved).error - base.error) / widen(nudge[self.fold, place], base.error)
                 for place in state.places
             ]
             state.slopes, state.fresh = np.stack(slopes, axis=-1), True
 
-    def _trial(self, state: _State) -> _Trial:
+    def _trial(self, state: State) -> _Trial:
         """Return a damped step, and whether it promises a gain: g's - s'H s / 2 nats of step s."""
         vectors = np.concatenate([state.replay.error[..., None], state.slopes], axis=-1)
         size = self.settings.reach * state.hypothesis.linear_size[state.places]
@@ -263,7 +268,7 @@ class Fitter:
             gains.append(step @ (down - HALF * curve @ step))
         return _Trial(state.moved(change), max(gains) > BETTER)
 
-    def _improve(self, state: _State, other: _State) -> bool:
+    def _improve(self, state: State, other: State) -> bool:
         """Keep what is better of a trial; return whether another step may gain."""
         before, error = state.hypothesis.to_linear(state.values), state.replay.error
         state.gain = np.maximum(state.take(other, self.fold), 0.0)
@@ -281,7 +286,7 @@ class Fitter:
         state.failed = np.where(good, 0, state.failed + 1)
         return bool(good.any() or (state.failed < FOLDS).any())
 
-    def _finish(self, states: Sequence[_State]) -> list[Fit]:
+    def _finish(self, states: Sequence[State]) -> list[Fit]:
         """Return the fits, judged; what fits the other fold better than its own is taken over."""
         held = self._crossed(states)
         apart = [pair for pair in zip(states, held, strict=True) if pair[0].is_apart]
@@ -294,16 +299,16 @@ class Fitter:
         held = [anew.get(id(s), replay) for s, replay in zip(states, held, strict=True)]
         pairs = list(zip(states, held, strict=True))
         scores = together([partial(self._score, *pair) for pair in pairs])
-        return [s.judged(own.error, score) for (s, own), score in zip(pairs, scores, strict=True)]
+        return [_as_fit(*pair, score) for pair, score in zip(pairs, scores, strict=True)]
 
-    def _crossed(self, states: Sequence[_State]) -> list[Replay]:
+    def _crossed(self, states: Sequence[State]) -> list[Replay]:
         """Return each state under the values of the other fold; where they agree, as it is."""
         apart = [state for state in states if state.is_apart]
         made = iter(self._replay([(s.hypothesis, s.values[::-1]) for s in apart]))
         held = {id(state): next(made) for state in apart}
         return [held.get(id(state), state.replay) for state in states]
 
-    def _score(self, state: _State, held: Replay) -> np.ndarray:
+    def _score(self, state: State, held: Replay) -> np.ndarray:
         """Return the score of a state, see `Fit`, from its replay under the other fold's values."""
         score = np.zeros(len(self.fold))
         for side in range(FOLDS):
@@ -326,70 +331,7 @@ class _Trial(NamedTuple):
     promises: bool
 
 
-class _State:
-    """A fit on its way: the best values of each fold so far, and the errors there."""
-
-    def __init__(
-        self,
-        hypothesis: Hypothesis,
-        values: np.ndarray,
-        replay: Replay,
-        trained: Sequence[Trained],
-    ) -> None:
-        self.hypothesis, self.values, self.replay = hypothesis, values.copy(), replay
-        self.trained = list(trained)
-        self.density = np.array([one.density for one in trained])
-        self.damping, self.failed = np.zeros(FOLDS), np.zeros(FOLDS, int)
-        self.gain = np.zeros(FOLDS)  # of the last step [nats]
-        self.places = np.flatnonzero(hypothesis.smooth)
-        self.slopes: Any = None  # (W, N, M, P) of the errors, None: unknown
-        self.fresh = False  # whether they are those of the present values
-
-    @property
-    def is_apart(self) -> bool:
-        """Whether the folds have values of their own."""
-        return bool((self.values[0] != self.values[1]).any())
-
-    def judged(self, held: np.ndarray, score: np.ndarray) -> Fit:
-        """Return the fit, with its held-out errors (W, N, M) and its score (W,)."""
-        own = self.replay.error, held, tuple(self.trained), self.density
-        return Fit(self.hypothesis, self.values, *own, score)
-
-    def take(self, other: _State, fold: np.ndarray) -> np.ndarray:
-        """Take over what the other does better in a fold; return the gains [nats], (2,)."""
-        gain = other.density - self.density
-        better = gain > BETTER
-        own = better[fold]
-        parts = zip(self.replay, other.replay, strict=True)
-        self.replay = Replay(*(np.where(_wide(own, b), b, a) for a, b in parts))
-        for side in np.flatnonzero(better):
-            self.values[side], self.density[side] = other.values[side], other.density[side]
-            self.trained[side] = other.trained[side]
-        return gain
-
-    def within_reach(self, best: float, rounds: int) -> bool:
-        """Return whether so many steps, like the last unless it failed, may lead to a density."""
-        return not self.gain.any() or self.density.sum() + self.gain.sum() * rounds >= best
-
-    def nudges(self, share: float, least: float) -> np.ndarray:
-        """Return a step of each coordinate for finite differences, (2, P), inside its bounds."""
-        linear = self.hypothesis.to_linear(self.values)
-        step = np.maximum(share * np.abs(linear), least * self.hypothesis.linear_size)
-        return np.where(linear + step > self.hypothesis.high, -step, step)
-
-    def moved(self, change: np.ndarray) -> np.ndarray:
-        """Return the values after a change of their coordinates, (2, P) both."""
-        return self.hypothesis.from_linear(self.hypothesis.to_linear(self.values) + change)
-
-    def learn(self, step: np.ndarray, change: np.ndarray, fold: np.ndarray) -> None:
-        """Let the slopes say how errors changed, (W, N, M), by a step of coordinates, (2, P)."""
-        step = step[:, self.places]
-        scaled = step / np.square(self.hypothesis.linear_size[self.places])
-        scaled /= np.maximum((scaled * step).sum(axis=1, keepdims=True), TINY)
-        missed = change - np.einsum("wnmp,wp->wnm", self.slopes, step[fold])
-        self.slopes += missed[..., None] * scaled[fold][:, None, None]
-
-
-def _wide(values: np.ndarray, like: np.ndarray) -> np.ndarray:
-    """Return values (W,) with as many axes as an array (W, ...)."""
-    return values.reshape(-1, *[1] * (like.ndim - 1))
+def _as_fit(state: State, held: Replay, score: np.ndarray) -> Fit:
+    """Return a state as a fit, with its replay under the other fold's values and its score (W,)."""
+    known = state.replay.error, held.error, tuple(state.trained), state.density, score
+    return Fit(state.hypothesis, state.values, *known)

@@ -127,10 +127,8 @@ class Judge:
         Args:
             vocabulary: what it may be explained by.
         """
-        tried, excluded = self.find(vocabulary), list[Start]()
-        if vocabulary.excluded:
-            excluded = vocabulary.list_excluded(self.replay_errors(self.given))
-        return self.conclude(tried, excluded)
+        tried = self.find(vocabulary)
+        return self.conclude(tried, vocabulary.list_excluded(self.replay_errors(self.given)))
 
     def find(self, vocabulary: Vocabulary) -> dict[str, Fit]:
         """Return what was fitted in search of an explanation, by label; `choose` says which wins.
@@ -176,7 +174,7 @@ class Judge:
         return self.given
 
     def _renew(self, best: Fit, tried: dict[str, Fit]) -> Fit:
-        """Return the best; it and what was tried are judged by the unknowns around it, in place.
+        """Return the best, fitted anew; judge what was tried by the unknowns around it, in place.
 
         Those around another model say little of what is left: they hide a second cause.
         """
@@ -184,6 +182,7 @@ class Judge:
         for label, fit in tried.items():
             tried[label] = self.fitter.judge(fit.hypothesis, fit.values, (fit.own, fit.held))
         tried[self.given.label] = self.given
+        keep_better(self.fitter.fit([restart(tried[best.label])]), tried)
         return tried[best.label]
 
     def replay_errors(self, fit: Fit) -> np.ndarray:

@@ -135,8 +135,9 @@ class Search:
             self._fit(pick_pairs(self.glance, base, lines, most), tried)
 
     def untie(self, best: Fit, options: Sequence[Candidate], tried: dict[str, Fit]) -> None:
-        """Fit a value for each joint where the best has one for all into what was tried."""
-        keep_better(self.quick.fit(list_untied(best, options)), tried)
+        """Fit a value for each joint where the best has one for all into what was tried, once."""
+        starts = list_untied(best, options)
+        self._fit([start for start in starts if start.hypothesis.label not in tried], tried)
 
     def look_closer(self, before: Fit, tried: dict[str, Fit]) -> None:
         """Fit the best of what is longer in the model's own steps into what was tried, if none won.
