@@ -4,7 +4,7 @@ made = make_conclusion(judgement, baseline, rng)
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ from sim2real.diagnosis.inference.hypotheses import Member, get_effect, get_kind
 from sim2real.diagnosis.inference.intervals import compute_intervals
 from sim2real.diagnosis.inference.judge import Judgement
 from sim2real.diagnosis.inference.log_change import LogChange
-from sim2real.diagnosis.inference.pushes import Pushed
+from sim2real.diagnosis.inference.pushes import PART, Pushed
 from sim2real.diagnosis.inference.remainder import describe_remainder
 from sim2real.diagnosis.schema import Cause, Equivalent, GapMetrics, JointGap, Report, Unexplained
 from sim2real.diagnosis.settings import TINY
@@ -175,9 +175,26 @@ def _push(judgement: Judgement, push: Pushed) -> Cause:
         {"episode": push.episode},
         1 - settings.level,
         0.0,
+        equivalent=tuple(dict.fromkeys(_list_instead(judgement, push))),
         kind="world",
         seconds=push.seconds,
     )
+
+
+def _list_instead(judgement: Judgement, push: Pushed) -> Iterator[Equivalent]:
+    """Yield changes that leave as little of a push's window, once they are fitted to it.
+
+    What acts at one moment only, as a torque beyond a speed that is reached once, predicts no other
+    stretch: whether it was that or a push, these recordings do not tell.
+    """
+    judge, best = judgement.judge, judgement.best
+    most = (1 - PART) * judge.excess(best.held)[push.window].sum()
+    kept = {member.label for member in best.hypothesis.members}
+    for rival in judgement.rivals:
+        added = [member for member in rival.hypothesis.members if member.label not in kept]
+        one_more = len(rival.hypothesis.members) == len(kept) + 1 == len(kept) + len(added)
+        if one_more and judge.excess(rival.own)[push.window].sum() <= most:
+            yield Equivalent(_name(added[0]), get_place(added[0]), kind=get_kind(added[0]))
 
 
 def _parts(judgement: Judgement) -> list[_Part]:

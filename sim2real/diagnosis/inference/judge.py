@@ -208,10 +208,10 @@ class Judge:
         """Return what a free discrepancy gains in each window [nats], (W,)."""
         return fit.score - self.fitter.score_within(fit, [(0.0, self.most)])[0]
 
-    def excess(self, fit: Fit) -> np.ndarray:
-        """Return by how much squared errors exceed what noise and counts make, (W, N, M)."""
+    def excess(self, errors: np.ndarray) -> np.ndarray:
+        """Return by how much squared errors exceed what noise and counts make, (W, N, M) both."""
         counts = SURE * self.most * self.replayer.noise
-        beyond = np.square(fit.held / counts) - 1.0
+        beyond = np.square(errors / counts) - 1.0
         return np.where(self.replayer.used[..., None], np.maximum(beyond, 0.0), 0.0)
 
     def wins(self, more: Fit, less: Fit) -> bool:
@@ -315,7 +315,8 @@ class Judge:
         left = self.left(best)
         causes = self._world and (verdict != "unexplained" or best is self.given)
         if causes and left.whole > self.settings.equivalence_tolerance:
-            pushes = find_pushes(self.fitter, best, self.excess(best), self.excess(self.given))
+            beyond = (self.excess(fit.held) for fit in (best, self.given))
+            pushes = find_pushes(self.fitter, best, *beyond)
             verdict = "partly_explained" if pushes else verdict
         rivals = rank_fits([f for f in tried.values() if f is not best and f.hypothesis.members])
         chances, unknown = compute_posterior(

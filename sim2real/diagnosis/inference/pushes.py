@@ -89,23 +89,15 @@ class Push(Effect):
 
 
 class Pushed(NamedTuple):
-    """A push that was found.
+    """A push that was found."""
 
-    Args:
-        joint: it acts on.
-        episode: of the log, and `log` that log's number.
-        log: see `episode`.
-        seconds: from when to when it acts, of the episode.
-        torque: of the joint [N·m, or N of a slide].
-        evidence: log ratio of the densities with and without it [nats].
-    """
-
-    joint: str
-    log: int
+    joint: str  # it acts on
+    window: int  # it is in
+    log: int  # that window's, its number
     episode: int
-    seconds: Pair
-    torque: float
-    evidence: float
+    seconds: Pair  # from when to when it acts, of the episode
+    torque: float  # of the joint [N·m, or N of a slide]
+    evidence: float  # log ratio of the densities with and without it [nats]
 
 
 def find_pushes(
@@ -175,7 +167,8 @@ def _tried(fitter: Fitter, fit: Fit, window: int, seen: float) -> Iterator[Pushe
             evidence = (taken - math.log(square)) * HALF if taken > PART * gram[0, 0] else -math.inf
             seconds = (origin + a, origin + b)
             torque = -across / square * size / most
-            yield Pushed(joint.name, own.log, own.episode, seconds, torque, float(evidence))
+            moment = own.log, own.episode, seconds
+            yield Pushed(joint.name, window, *moment, torque, float(evidence))
 
 
 def _candidate(joint: str) -> Candidate:

@@ -76,7 +76,7 @@ def describe_remainder(judgement: Judgement) -> str:
 
 
 def _describe_errors(judgement: Judgement) -> str:
-    left, data = judgement.judge.excess(judgement.best), judgement.judge.data
+    left, data = judgement.judge.excess(judgement.best.held), judgement.judge.data
     by_joint = left.sum(axis=(0, 1))
     if not by_joint.sum():
         return "less than a count of every encoder, for longer than noise lasts"

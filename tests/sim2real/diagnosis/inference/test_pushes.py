@@ -9,6 +9,8 @@ import pytest
 from envs.plant import Plant
 from envs.replay import rollout
 from hardware.log import Log
+from sim2real.diagnosis.inference.baseline import Baseline
+from sim2real.diagnosis.inference.conclusion import make_conclusion
 from sim2real.diagnosis.inference.judge import Judge
 from sim2real.diagnosis.inference.pushes import Push, Pushed, find_pushes
 from sim2real.diagnosis.inference.vocabulary import Vocabulary
@@ -33,7 +35,7 @@ def pushed(torque: float) -> Log:
 
 def found_by(judge: Judge) -> tuple[Pushed, ...]:
     """Return the pushes in all that the model as given leaves."""
-    left = judge.excess(judge.given)
+    left = judge.excess(judge.given.held)
     return find_pushes(judge.fitter, judge.given, left, left)
 
 
@@ -69,7 +71,7 @@ def test_a_push_that_holds_little_of_the_gap_is_no_cause(tmp_path: Path) -> None
     """What an explanation leaves has to be worth one: a share of the gap that was given."""
     judge = Judge(arm.data_of(pushed(TORQUE), tmp_path))
     small = replace(judge.given, held=judge.given.held / 3)
-    left, whole = judge.excess(small), judge.excess(judge.given)
+    left, whole = judge.excess(small.held), judge.excess(judge.given.held)
     assert 0 < left.sum() < whole.sum() / 9
     assert find_pushes(judge.fitter, small, left, left)
     assert not find_pushes(judge.fitter, small, left, whole)
@@ -83,6 +85,19 @@ def test_a_judgement_names_a_push(tmp_path: Path) -> None:
     )
     assert [one.joint for one in judgement.pushes] == ["b"]
     assert judgement.verdict == "partly_explained"
+
+
+def test_what_explains_the_moment_once_fitted_to_it_is_no_less_likely(tmp_path: Path) -> None:
+    """No other stretch tells such an effect from a push; friction explains no push."""
+    data, rng = arm.data_of(pushed(TORQUE), tmp_path), np.random.default_rng(0)
+    judge = Judge(data)
+    judgement = judge.judge(Vocabulary(data, only=["coulomb_friction.a", "viscous_friction.b"]))
+    baseline = Baseline.of(judge.replayer, rng)
+    (cause,) = make_conclusion(judgement, baseline, rng).report.causes
+    assert (cause.effect, cause.where, cause.equivalent) == ("push", "b", ())
+    fitted = [replace(one, own=0 * one.own) for one in judgement.rivals]
+    (cause,) = make_conclusion(replace(judgement, rivals=(*fitted,)), baseline, rng).report.causes
+    assert ("viscous_friction", "b") in {(one.effect, one.where) for one in cause.equivalent}
 
 
 def test_a_push_acts_within_its_moments_alone(tmp_path: Path) -> None:
