@@ -13,24 +13,21 @@ from sim2real.diagnosis.settings.base import TINY as TINY
 from sim2real.diagnosis.settings.base import TINY_SQUARE as TINY_SQUARE
 from sim2real.diagnosis.settings.base import Row as Row
 from sim2real.diagnosis.settings.base import rows as rows
-from sim2real.diagnosis.settings.base import setting as setting
-from sim2real.diagnosis.settings.closed_loop import ClosedLoopSettings as ClosedLoopSettings
-from sim2real.diagnosis.settings.comparison import Compared as Compared
-from sim2real.diagnosis.settings.contract import Contract as Contract
-from sim2real.diagnosis.settings.data import Bootstrap as Bootstrap
-from sim2real.diagnosis.settings.data import NoiseFloor as NoiseFloor
-from sim2real.diagnosis.settings.data import Numerics as Numerics
-from sim2real.diagnosis.settings.data import Regimes as Regimes
-from sim2real.diagnosis.settings.data import Simulation as Simulation
-from sim2real.diagnosis.settings.data import Windows as Windows
-from sim2real.diagnosis.settings.experiment import Experiment as Experiment
-from sim2real.diagnosis.settings.ground import Ground as Ground
-from sim2real.diagnosis.settings.inference import Cogging as Cogging
-from sim2real.diagnosis.settings.inference import Inference as Inference
-from sim2real.diagnosis.settings.inference import Locating as Locating
-from sim2real.diagnosis.settings.preflight import Hunting as Hunting
-from sim2real.diagnosis.settings.preflight import Obstruction as Obstruction
-from sim2real.diagnosis.settings.preflight import Preflight as Preflight
+from sim2real.diagnosis.settings.closed_loop import ClosedLoopSettings
+from sim2real.diagnosis.settings.comparison import Compared
+from sim2real.diagnosis.settings.contract import Contract
+from sim2real.diagnosis.settings.data import (
+    Bootstrap,
+    NoiseFloor,
+    Numerics,
+    Regimes,
+    Simulation,
+    Windows,
+)
+from sim2real.diagnosis.settings.experiment import Experiment
+from sim2real.diagnosis.settings.ground import Ground
+from sim2real.diagnosis.settings.inference import Cogging, Inference, Locating
+from sim2real.diagnosis.settings.preflight import Hunting, Obstruction, Preflight
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
     @dataclass(frozen=True)
     class Lag:
-        window_s: float = setting(3.0, "s", "length of a window", JUDGED)
+        window_s: float = setting(3.0, "length of a window", unit="s")
 
     for row in rows(Settings()): row.stage, row.name, row.value, row.unit, row.meaning, row.origin
 
@@ -37,14 +37,14 @@ class Row(NamedTuple):
     origin: str
 
 
-def setting(default: Any, unit: str, meaning: str, origin: str) -> Any:
+def setting(default: Any, meaning: str, origin: str = JUDGED, *, unit: str = "1") -> Any:
     """Return a field of a settings class.
 
     Args:
         default: its value.
-        unit: SI; "1" for a share, factor or count.
         meaning: what it limits, as a phrase.
         origin: where the value comes from: derived, a reference, or the cases it was tuned on.
+        unit: SI; "1" for a share, factor or count.
     """
     return field(default=default, metadata={"unit": unit, "meaning": meaning, "origin": origin})
 

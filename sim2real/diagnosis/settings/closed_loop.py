@@ -2,19 +2,18 @@
 
 from dataclasses import dataclass
 
-from sim2real.diagnosis.settings.base import COST, JUDGED, setting
+from sim2real.diagnosis.settings.base import COST, setting
 
 
 @dataclass(frozen=True)
 class ClosedLoopSettings:
     """The comparison of robot and simulators while the policy acts."""
 
-    episodes: int = setting(32, "1", "number of episodes in each simulator", COST)
-    rows: int = setting(4, "1", "number of consecutive rows in a sample", JUDGED)
-    samples: int = setting(40, "1", "largest number of samples from an episode", COST)
+    episodes: int = setting(32, "number of episodes in each simulator", COST)
+    rows: int = setting(4, "number of consecutive rows in a sample")
+    samples: int = setting(40, "largest number of samples from an episode", COST)
     negligible: float = setting(
         0.05,
-        "1",
         "negligible sliced Wasserstein distance, in standard deviations of the channels",
         "measured: emulated quad8 with nothing hidden, 0.030 and 0.043"
         " (benchmarks/notebook/walking.md)",

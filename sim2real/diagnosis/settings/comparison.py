@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from sim2real.diagnosis.settings.base import JUDGED, setting
+from sim2real.diagnosis.settings.base import setting
 
 
 @dataclass(frozen=True)
@@ -25,32 +25,25 @@ class Compared:
             "payload",
             "gravity_tilt",
         ),
-        "",
         "effects that are tested: wear, play, supply, zeros, load, mounting",
-        JUDGED,
+        unit="",
     )
     alpha: float = setting(
         0.02,
-        "1",
         "probability of a false alarm over all effects and locations",
         "judgement: a nightly guard may err once in two months; sessions differ by more than "
         "chance, which must fit into 0.05 too",
     )
     same_rows: float = setting(
-        0.9,
-        "1",
-        "fraction of rows with equal commands above which logs show the same motion",
-        JUDGED,
+        0.9, "fraction of rows with equal commands above which logs show the same motion"
     )
     apart: float = setting(
         0.05,
-        "1",
         "smallest fraction of an effect's response that no other effect reproduces",
         "measured: of 15 % more friction at one of two joints that became warmer, 0.07 to 0.7",
     )
     worth: float = setting(
         1.1,
-        "1",
         "smallest RMS response of a reported change, times the root of the number of "
         "pieces, relative to the noise of a reading",
         "derived: noise that lasts a piece makes about 1; measured: of 16 unchanged pairs of an "
@@ -58,24 +51,20 @@ class Compared:
     )
     doubt: float = setting(
         0.5,
-        "1",
         "smallest response of a reported change, relative to the response to other differences",
         "measured: of 12 pairs with 15 % more friction at one joint the smallest had 1.1",
     )
     warm_friction: float = setting(
         0.01,
-        "1/K",
         "expected relative decrease of all friction per kelvin, and its standard deviation",
         "judgement: grease thins by about 1 % a kelvin",
+        unit="1/K",
     )
     unknown_warmer: float = setting(
-        10.0, "K", "temperature difference assumed if temperatures are not logged", JUDGED
+        10.0, "temperature difference assumed if temperatures are not logged", unit="K"
     )
     same_voltage: float = setting(
-        0.03,
-        "1",
-        "smallest relative difference of median voltages that counts as a changed supply",
-        JUDGED,
+        0.03, "smallest relative difference of median voltages that counts as a changed supply"
     )
 
     @property

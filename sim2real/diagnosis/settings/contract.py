@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from sim2real.diagnosis.settings.base import COST, JUDGED, setting
+from sim2real.diagnosis.settings.base import COST, setting
 
 RESAMPLES = 10  # of each block
 ODDS = 20.0  # between faults that are alternatives
@@ -14,25 +14,22 @@ class Contract:
     """When `contract` names a fault; a misfit is a number's RMS error, relative to its spread."""
 
     suspect: float = setting(
-        5e-3, "1", "misfit below which numbers agree, and fits count as equally good", JUDGED
+        5e-3, "misfit below which numbers agree, and fits count as equally good"
     )
     unexplained: float = setting(
-        0.05, "1", "remaining misfit above which a term is reported as unexplained", JUDGED
+        0.05, "remaining misfit above which a term is reported as unexplained"
     )
     margin: float = setting(
-        0.5, "1", "a fault is named only if it reduces the misfit to at most this fraction", JUDGED
+        0.5, "a fault is named only if it reduces the misfit to at most this fraction"
     )
     still: float = setting(
-        0.01, "1", "standard deviation below which a number is constant, before scaling", JUDGED
+        0.01, "standard deviation below which a number is constant, before scaling"
     )
     ages_max: int = setting(
-        4, "1", "largest age of an observation or action that is tried, in control steps", COST
+        4, "largest age of an observation or action that is tried, in control steps", COST
     )
     rows_min: int = setting(
-        20,
-        "1",
-        "smallest number of rows; a log of any length counts as so many independent ones",
-        JUDGED,
+        20, "smallest number of rows; a log of any length counts as so many independent ones"
     )
 
     @property

@@ -2,35 +2,30 @@
 
 from dataclasses import dataclass
 
-from sim2real.diagnosis.settings.base import JUDGED, setting
+from sim2real.diagnosis.settings.base import setting
 
 
 @dataclass(frozen=True)
 class Experiment:
     """The motions from which the next recording is chosen."""
 
-    motion_s: float = setting(8.0, "s", "duration of a motion", JUDGED)
+    motion_s: float = setting(8.0, "duration of a motion", unit="s")
     size: float = setting(
-        0.6, "1", "amplitude of a motion, relative to the distance to the nearer limit", JUDGED
+        0.6, "amplitude of a motion, relative to the distance to the nearer limit"
     )
     apart_min: float = setting(
-        3.0, "1", "smallest distance between separated explanations, in noise floors", JUDGED
+        3.0, "smallest distance between separated explanations, in noise floors"
     )
     fallen: float = setting(
-        0.5, "rad", "motion of a joint without torque above which the robot falls", JUDGED
+        0.5, "motion of a joint without torque above which the robot falls", unit="rad"
     )
-    edge: float = setting(
-        0.05, "1", "part of a joint's range, at each limit, in which no motion starts", JUDGED
-    )
-    hand_s: float = setting(60.0, "s", "time assumed for a change by hand", JUDGED)
+    edge: float = setting(0.05, "part of a joint's range, at each limit, in which no motion starts")
+    hand_s: float = setting(60.0, "time assumed for a change by hand", unit="s")
     supply: float = setting(
-        0.85, "1", "supply voltage in a proposed motion, relative to the full voltage", JUDGED
+        0.85, "supply voltage in a proposed motion, relative to the full voltage"
     )
     load: float = setting(
-        0.3,
-        "1",
-        "mass of an additional load in a proposed motion, relative to the moving mass",
-        JUDGED,
+        0.3, "mass of an additional load in a proposed motion, relative to the moving mass"
     )
 
     @property
