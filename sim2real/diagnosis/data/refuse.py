@@ -132,7 +132,7 @@ def _gap(log: Log, spec: mujoco.MjSpec, joints: dict[str, str], settings: Settin
     """Return how far a replay of short pieces is from the log, over the joints' spread."""
     model, most = spec.copy().compile(), settings.simulation.error_max
     pieces = choose([log], settings.windows.state_s)
-    paths = trial(spec, [piece.recording(model) for piece in pieces]) if pieces else []
+    paths = trial(spec, [piece.recording(model) for piece in pieces])
     found = []
     for piece, path in zip(pieces, paths, strict=True):
         for joint in joints.values():

@@ -39,28 +39,12 @@ class Piece(NamedTuple):
     """Some rows of one episode."""
 
     number: int  # of the log, in the order given
-    log: Log  # these rows alone, their time from 0
-    before: Columns | None = None
-    """Columns of the rows just before; None where the piece starts with its episode, empty where
-    they are not known."""
+    log: Log  # these rows alone
+    before: Columns | None  # of the rows just before; None where it starts with its episode
 
     def recording(self, model: mujoco.MjModel) -> Recording:
         """Return the piece in the order of a model's joints and actuators."""
         return to_recording(self.log, model, self.before)
-
-
-def piece(log: Log, number: int, first: int, last: int) -> Piece:
-    """Return rows `first` to `last` (exclusive) of a log, within one episode."""
-    part, before, origin = log.rows(first, last), rows_before(log, first), log.time[first]
-    columns = _shifted(part.columns, origin)
-    before = None if before is None else _shifted(before, origin)
-    return Piece(number, Log(columns, log.meta, log.path), before)
-
-
-def _shifted(columns: Columns, origin: float) -> dict[str, np.ndarray]:
-    """Return columns whose clock is 0 at a moment of the old one."""
-    clocks = {n: c - origin for n, c in columns.items() if n == "time" or n.startswith("stamp.")}
-    return {**columns, **clocks}
 
 
 def choose(logs: Sequence[Log], seconds: float) -> list[Piece]:
@@ -93,7 +77,9 @@ def choose(logs: Sequence[Log], seconds: float) -> list[Piece]:
         if chosen and gains[top] < NEWS:
             break
         seen = np.maximum(seen, shares[top])
-        chosen.append(piece(logs[cuts[top][0]], *cuts[top]))
+        number, first, last = cuts[top]
+        log = logs[number]
+        chosen.append(Piece(number, log.rows(first, last), rows_before(log, first)))
     return chosen
 
 
@@ -101,6 +87,8 @@ def trial(
     spec: mujoco.MjSpec, recordings: Sequence[Recording], fixed: Sequence[Fixed] = ()
 ) -> list[np.ndarray]:
     """Return what encoders would say when they are read in replays side by side, (T, nq) each."""
+    if not recordings:
+        return []
     plant_spec, dt = switchable(spec), spec.option.timestep
     plans = [schedule(recording, dt) for recording in recordings]
     width = len(recordings[0].qpos) + recordings[0].ctrl.shape[1]

@@ -125,7 +125,7 @@ class _Model:
         columns, noise = list(asked.noise), np.array(list(asked.noise.values()))
         effects = merge_effects(asked.fixed, fixed)
         made = trial(asked.changed or asked.spec, self.motions, fixed=effects)
-        past = trial(asked.spec, asked.past, fixed=effects) if asked.past else []
+        past = trial(asked.spec, asked.past, fixed=effects)
         new, old = ([(p[:, columns] / noise).ravel() for p in paths] for paths in (made, past))
         return [*new, np.concatenate([np.zeros(0), *old])]
 

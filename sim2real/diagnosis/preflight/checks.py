@@ -99,7 +99,7 @@ def check_unlogged(
         missing = [i for i, own in enumerate(places) if not log.columns.keys() >= {*own}]
         missing = [i for i in missing if i not in led]
         pieces = choose([log], trials.piece_s) if missing else []
-        paths = trial(spec, [piece.recording(model) for piece in pieces]) if pieces else []
+        paths = trial(spec, [piece.recording(model) for piece in pieces])
         for joint in missing:
             own = int(model.jnt_qposadr[joint]) + np.arange(len(places[joint]))
             moves = [float(np.nanmax(np.abs(path[:, own] - path[0, own]))) for path in paths]

@@ -16,13 +16,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from hardware.log import Log
 from sim2real.diagnosis.data.pairs import Pairs, joints_of, name_of
-from sim2real.diagnosis.data.recording import HUNTING, episode_rows, is_flagged
-from sim2real.diagnosis.data.trial import piece, trial
+from sim2real.diagnosis.data.recording import HUNTING, is_flagged, to_recording
+from sim2real.diagnosis.data.trial import trial
 from sim2real.diagnosis.schema import Finding
 from sim2real.diagnosis.settings import DEFAULT, TINY_SQUARE, Settings
 
 MILLI = 1e-3
-Lags = dict[str, list[tuple[float, float]]]  # by joint: time [s] and lag [s] of windows
+Lags = dict[str, list[tuple[float, float]]]  # by joint: time in the episode and lag of windows [s]
 
 
 def check_lag(
@@ -46,13 +46,12 @@ def check_lag(
 def _lags(log: Log, model: mujoco.MjModel, spec: mujoco.MjSpec, settings: Settings) -> Lags:
     """Return a log's lags: of each joint in each window of episodes in which a jump can show."""
     least = 2 * _fewest(settings) * settings.windows.longest_s
-    rows = [own for own in episode_rows(log) if np.ptp(log.time[own]) > least]
-    pieces, found = [piece(log, 0, own.start, own.stop) for own in rows], Lags()
-    paths = trial(spec, [one.recording(model) for one in pieces]) if pieces else []
-    for one, path in zip(pieces, paths, strict=True):
+    parts, found = [part for part in log.episodes() if np.ptp(part.time) > least], Lags()
+    paths = trial(spec, [to_recording(part, model) for part in parts])
+    for part, path in zip(parts, paths, strict=True):
         for name in joints_of([(log, model)]):
             simulated = path[:, int(model.joint(name).qposadr[0])]
-            found.setdefault(name, []).extend(_windows(name, one.log, simulated, settings))
+            found.setdefault(name, []).extend(_windows(name, part, simulated, settings))
     return found
 
 
@@ -89,7 +88,7 @@ def _windows(
         best = int(np.argmax(scores))
         if scores[best] > limits.share and 0 < best < 2 * reach:
             shift = best - reach + _vertex(*scores[best - 1 : best + 2])
-            yield float(clock[first] + seconds / 2), float(shift * dt)
+            yield first * dt + seconds / 2, float(shift * dt)
 
 
 def _vertex(left: float, middle: float, right: float) -> float:

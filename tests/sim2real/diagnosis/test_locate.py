@@ -8,9 +8,10 @@ import pytest
 
 from envs.effects import make
 from hardware.log import Log
+from sim2real.diagnosis.data.recording import to_recording
 from sim2real.diagnosis.data.regimes import regimes
 from sim2real.diagnosis.data.replay import Gap
-from sim2real.diagnosis.data.trial import piece, trial
+from sim2real.diagnosis.data.trial import trial
 from sim2real.diagnosis.locate import bands, locate
 from sim2real.diagnosis.schema import JointGap
 
@@ -42,7 +43,7 @@ def gap_of(error: dict[str, np.ndarray] | None = None, effects: tuple = (), path
     zero = 0 * columns["time"]
     log = Log({**columns, "qpos.shoulder": zero, "qpos.elbow": zero})
     model = spec.compile()
-    recording = piece(log, 0, 0, len(log)).recording(model)
+    recording = to_recording(log, model)
     (simulated,) = trial(spec, [recording])
     (real,) = trial(spec, [recording], fixed=effects)
     for i, joint in enumerate(("shoulder", "elbow")):

@@ -8,7 +8,8 @@ import pytest
 
 from envs.effects import make
 from hardware.log import Log
-from sim2real.diagnosis.data.trial import piece, trial
+from sim2real.diagnosis.data.recording import to_recording
+from sim2real.diagnosis.data.trial import trial
 from sim2real.diagnosis.numerics import _words, better, is_numerics, null_test
 from sim2real.diagnosis.settings import DEFAULT
 
@@ -32,7 +33,7 @@ def log_of(spec: mujoco.MjSpec, effects: list) -> Log:
     time = np.arange(0, 10, 0.02)
     ctrl = 0.5 * np.sign(np.sin(2 * np.pi * time / 5)) * (time > 0.5)
     columns = {"episode": 0 * time, "time": time, "ctrl.a": ctrl, "qpos.hinge": 0 * time}
-    recording = piece(Log(columns), 0, 0, len(time)).recording(spec.copy().compile())
+    recording = to_recording(Log(columns), spec.copy().compile())
     (path,) = trial(spec, [recording], fixed=effects)
     return Log({**columns, "qpos.hinge": path[:, 0]})
 

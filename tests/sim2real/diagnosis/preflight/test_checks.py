@@ -10,8 +10,8 @@ import pytest
 
 from hardware.log import Log, read_log, read_logs, write_log
 from sim2real.diagnosis.data.noise_floor import noise_floor, step_of
-from sim2real.diagnosis.data.recording import load_model
-from sim2real.diagnosis.data.trial import piece, trial
+from sim2real.diagnosis.data.recording import load_model, to_recording
+from sim2real.diagnosis.data.trial import trial
 from sim2real.diagnosis.preflight.checks import NOTES, preflight
 from sim2real.diagnosis.preflight.lag import check_lag
 
@@ -47,7 +47,7 @@ def make_log(seconds: float = 8.0, late: tuple[float, ...] = ()) -> Log:
             slow = np.interp(time - 0.06, time, columns[name])
             heard[name] = np.where(time > start, slow, columns[name])
     model = spec().compile()
-    (path,) = trial(spec(), [piece(Log(heard), 0, 0, len(time)).recording(model)])
+    (path,) = trial(spec(), [to_recording(Log(heard), model)])
     q = COUNT * np.round(path / COUNT)
     columns |= {"qpos.shoulder": q[:, 0], "qpos.elbow": q[:, 1]}
     force = 4 * (np.roll(np.column_stack([a, b]), 1, axis=0) - q) / 2
