@@ -82,30 +82,28 @@ def tell_simulated(
         The findings, and whether the robot hunts and the last model at none of its joints: what
         makes a robot hunt is missing in such a model, however near its first swings are.
     """
-    seen = [(name, _simulated(findings, driven, gaps, settings)) for name, gaps in models]
-    completed = []
+    completed, last = [], []
     for finding in findings:
-        if finding.check == "hunting":
-            words = [f"{name}, the simulator {_words(own[finding.where])}" for name, own in seen]
+        if finding.check == "hunting" and models:
+            joint = str(finding.where)
+            seen = [(name, _simulated(joint, driven, gaps, settings)) for name, gaps in models]
+            words = [f"{name}, the simulator {_words(hunts)}" for name, hunts in seen]
             finding = replace(finding, finding=f"{finding.finding} {'; '.join(words)}.")
+            last.append(seen[-1][1])
         completed.append(finding)
-    last = seen[-1][1] if seen else {}
-    return completed, bool(last) and not any(last.values())
+    return completed, bool(last) and not any(last)
 
 
 def _simulated(
-    findings: Sequence[Finding], driven: Mapping[str, str], gaps: Sequence[Gap], settings: Settings
-) -> dict[str | None, list[tuple[Log, Hunt]]]:
-    """Return where simulated joints hunt, by the joints at which the robot does."""
-    found: dict[str | None, list[tuple[Log, Hunt]]] = {
-        finding.where: [] for finding in findings if finding.check == "hunting"
-    }
-    for actuator, joint in driven.items():
-        for gap in gaps if joint in found else ():
-            if joint in gap.joints:
-                angle = gap.simulated[:, gap.joints.index(joint)]
-                every = _each(gap.log, angle, actuator, joint, settings)
-                found[joint] += [(gap.log, hunt) for _, hunts in every for hunt in hunts]
+    joint: str, driven: Mapping[str, str], gaps: Sequence[Gap], settings: Settings
+) -> list[tuple[Log, Hunt]]:
+    """Return where a simulated joint hunts."""
+    found: list[tuple[Log, Hunt]] = []
+    for actuator in [name for name, own in driven.items() if own == joint]:
+        for gap in [gap for gap in gaps if joint in gap.joints]:
+            angle = gap.simulated[:, gap.joints.index(joint)]
+            every = _each(gap.log, angle, actuator, joint, settings)
+            found += [(gap.log, hunt) for _, hunts in every for hunt in hunts]
     return found
 
 

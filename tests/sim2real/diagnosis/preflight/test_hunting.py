@@ -143,5 +143,6 @@ def test_a_model_that_does_not_hunt_explains_nothing(stiff: None) -> None:
     assert tell_simulated(findings, DRIVEN, [same, as_given])[1]
     assert not tell_simulated(findings, DRIVEN, [as_given, same])[1]
     assert tell_simulated([], DRIVEN, [as_given]) == ([], False)
+    assert tell_simulated(findings, DRIVEN, []) == (findings, False)  # no model can be replayed
     floors = noise_floor([marked])
     assert max(floors.values()) < 1e-3 < noise_floor([log])["b"]
