@@ -19,7 +19,7 @@ from scipy.signal import periodogram
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.recording import episode_rows
-from sim2real.diagnosis.data.regimes import regimes
+from sim2real.diagnosis.data.regimes import Kind, regimes
 from sim2real.diagnosis.data.replay import Gap
 from sim2real.diagnosis.evidence import Band
 from sim2real.diagnosis.schema import JointGap, Regime
@@ -138,9 +138,7 @@ def _regimes(
     return tuple(regime for _, regime in sorted(best.values(), key=lambda one: -one[0]))
 
 
-def _kinds(
-    log: Log, model: mujoco.MjModel, joint: str, settings: Settings
-) -> Iterator[tuple[str, str, np.ndarray]]:
+def _kinds(log: Log, model: mujoco.MjModel, joint: str, settings: Settings) -> Iterator[Kind]:
     """The kinds of moments of a log, its episodes and itself among them."""
     yield from regimes(log, model, joint, settings)
     name = log.path.stem if log.path else "the log"

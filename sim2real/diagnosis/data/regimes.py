@@ -1,11 +1,10 @@
 """Kinds of moments in a log: fast, loaded, reversing, held, and so on, by joint.
 
-for kind in regimes(log, model, "elbow"):
-    kind.group, kind.name, kind.rows        # "speed", "fast", (T,) bool
+for group, name, rows in regimes(log, model, "elbow"):
+    ...                                     # "speed", "fast", (T,) bool
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -18,13 +17,7 @@ from sim2real.diagnosis.settings import DEFAULT, TINY, Settings
 
 THIRDS = (1 / 3, 2 / 3)  # of the rows, or of the time
 
-
-class Kind(NamedTuple):
-    """Rows of a log that have something in common."""
-
-    group: str
-    name: str
-    rows: np.ndarray  # (T,) bool
+Kind = tuple[str, str, np.ndarray]  # group, name, and which rows are of it, (T,) bool
 
 
 def regimes(
@@ -36,7 +29,7 @@ def regimes(
     actuator = next((name for name, own in driven if own is not None and own[1] == joint), None)
     names = ("at rest", "slow", "fast")
     yield from _halves("speed", names, np.abs(v), limits.rest_speed, settings)
-    yield Kind("reversal", "reversal", _reversal(log, v, settings))
+    yield "reversal", "reversal", _reversal(log, v, settings)
     yield from _thirds("position", q)
     if joint in [model.joint(i).name for i in range(model.njnt)]:
         load = np.abs(_gravity(log, model, joint))
@@ -47,13 +40,13 @@ def regimes(
         names = ("at its goal", "near its goal", "far from its goal")
         yield from _halves("error", names, error, limits.goal_error, settings)
         on = powered(log, actuator)
-        yield Kind("hold", "hold", _held(log, actuator, settings) & on)
+        yield "hold", "hold", _held(log, actuator, settings) & on
         if not on.all():
-            yield Kind("torque", "torque off", ~on)
+            yield "torque", "torque off", ~on
     start, end = log.time.min(), log.time.max()
     share = (log.time - start) / max(end - start, TINY)
-    yield Kind("time", "first third of the time", share < THIRDS[0])
-    yield Kind("time", "last third of the time", share > THIRDS[1])
+    yield "time", "first third of the time", share < THIRDS[0]
+    yield "time", "last third of the time", share > THIRDS[1]
 
 
 def _speed(log: Log, joint: str, settings: Settings) -> np.ndarray:
@@ -106,9 +99,9 @@ def _reversal(log: Log, v: np.ndarray, settings: Settings) -> np.ndarray:
 def _thirds(group: str, values: np.ndarray) -> Iterator[Kind]:
     """Yield the thirds of the rows with the smallest values, the largest, and those between."""
     low, high = np.quantile(values, THIRDS)
-    yield Kind(group, f"low {group}", values < low)
-    yield Kind(group, f"middle {group}", (values >= low) & (values <= high))
-    yield Kind(group, f"high {group}", values > high)
+    yield group, f"low {group}", values < low
+    yield group, f"middle {group}", (values >= low) & (values <= high)
+    yield group, f"high {group}", values > high
 
 
 def _halves(
@@ -116,6 +109,6 @@ def _halves(
 ) -> Iterator[Kind]:
     """Yield rows below `least`, and the rest at half of a quantile that is rarely exceeded."""
     half = max(float(np.quantile(values, 1 - settings.inference.level)) / 2, least)
-    yield Kind(group, names[0], values < least)
-    yield Kind(group, names[1], (values >= least) & (values < half))
-    yield Kind(group, names[2], values >= half)
+    yield group, names[0], values < least
+    yield group, names[1], (values >= least) & (values < half)
+    yield group, names[2], values >= half
