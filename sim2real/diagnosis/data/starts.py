@@ -1,4 +1,4 @@
-"""Windows that start elsewhere: by half a count of a position, by the error of a speed.
+"""Windows that start elsewhere or faster, and how far off a start's speeds are.
 
 other = further(data, window, joint, 1e-3)
 start_errors(data, window)                      # (M,) rad/s or m/s
@@ -30,17 +30,23 @@ def further(data: Data, window: Window, joint: int, by: float) -> Window:
 
 
 def faster(data: Data, window: Window, joint: int, by: float) -> Window:
-    """Return a window that starts with one joint at the speed of readings that are off by so much.
-
-    The speed is the slope of a line through neighbours.
-    """
+    """Return a window that starts with one joint faster by so much [rad/s or m/s]."""
     model, own = data.models[window.model], window.recording
-    step = float(np.median(np.diff(own.time[: 2 * NEAR + 1])))
-    times = step * np.arange(-min(NEAR, window.start), NEAR + 1)
-    dof = model.jnt_dofadr[model.jnt_qposadr == data.joints[joint].qpos]
     qvel = own.qvel.copy()
-    qvel[dof] += by / float(np.sqrt(((times - times.mean()) ** 2).sum()))
+    qvel[model.jnt_dofadr[model.jnt_qposadr == data.joints[joint].qpos]] += by
     return window._replace(recording=own._replace(qvel=qvel))
+
+
+def slope_errors(data: Data, window: Window, noise: np.ndarray) -> np.ndarray:
+    """Return what noise (M,) [rad or m] makes of slopes at a start, (M,) [rad/s or m/s].
+
+    A slope is that of a line through neighbours.
+    """
+    model, time = data.models[window.model], window.recording.time
+    step = float(np.median(np.diff(time[: 2 * NEAR + 1])))
+    times = step * np.arange(-min(NEAR, window.start), NEAR + 1)
+    slopes = noise / float(np.sqrt(((times - times.mean()) ** 2).sum()))
+    return speeds_at(data, model, np.ones(model.nv)) * slopes
 
 
 def start_errors(data: Data, window: Window) -> np.ndarray:

@@ -23,7 +23,7 @@ from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.noise_floor import reading_noise
 from sim2real.diagnosis.data.simulate import BATCH, Simulator, Work
-from sim2real.diagnosis.data.starts import faster, further, speeds_at, start_errors
+from sim2real.diagnosis.data.starts import faster, further, slope_errors, speeds_at, start_errors
 from sim2real.diagnosis.data.windows import Window, cut_one
 from sim2real.diagnosis.inference.batches import Rows, simulate_each
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
@@ -278,12 +278,10 @@ class Replayer:
         data, logged = self.data, [f"qvel.{joint.name}" for joint in self.data.joints]
         known = [all(column in log.columns for log in data.logs) for column in logged]
         own = np.stack([start_errors(data, window) for window in data.windows]) / data.scale
+        slopes = slope_errors(data, data.windows[0], self.noise * data.scale)
         for joint, column in enumerate(logged):
-            least = reading_noise(data.logs, column, data.settings) / data.scale[joint]
-            if not known[joint]:
-                moved = faster(data, data.windows[0], joint, self.noise[joint] * data.scale[joint])
-                change = moved.recording.qvel - data.windows[0].recording.qvel
-                least = float(np.abs(change).max()) / data.scale[joint]
+            noise = reading_noise(data.logs, column, data.settings)
+            least = (noise if known[joint] else slopes[joint]) / data.scale[joint]
             own[:, joint] = np.maximum(own[:, joint], max(least, TINY))
         return own
 
@@ -312,7 +310,7 @@ class Replayer:
         data = (_stacked(self, [ask.log]) if ask.log else self.plain).data
         some, moved = data.only(ask.windows), []
         noise = np.broadcast_to(self.noise, self.speed_noise.shape)
-        for shift, sizes in ((further, noise), (_speeded, self.speed_noise)):
+        for shift, sizes in ((further, noise), (faster, self.speed_noise)):
             sizes = (sizes * self.data.scale / ask.scale)[ask.windows]
             for joint in range(len(self.noise)):
                 pairs = zip(some.windows, sizes[:, joint], strict=True)
@@ -386,11 +384,3 @@ def _spread(mask: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
         ]
         rows[number, : len(some)], used[number, : len(some)] = some, True
     return rows, used
-
-
-def _speeded(data: Data, window: Window, joint: int, by: float) -> Window:
-    """Return a window that starts with one joint faster by so much [rad/s or m/s]."""
-    model, own = data.models[window.model], window.recording
-    qvel = own.qvel.copy()
-    qvel[model.jnt_dofadr[model.jnt_qposadr == data.joints[joint].qpos]] += by
-    return window._replace(recording=own._replace(qvel=qvel))
