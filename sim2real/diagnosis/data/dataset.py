@@ -169,10 +169,9 @@ class Data:
             spec.option.timestep *= times
             late.append(spec.option.timestep if times > 1 else 0.0)
             delay_commands(spec, late[-1])
-        models = tuple(spec.copy().compile() for spec in specs)
-        pairs = zip(models, self.models, strict=True)
-        if all(model.opt.timestep == own.opt.timestep for model, own in pairs):
+        if not any(late):
             return None
+        models = tuple(spec.copy().compile() for spec in specs)
         return replace(self, specs=specs, models=models, late=tuple(late))
 
 
