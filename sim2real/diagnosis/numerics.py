@@ -148,7 +148,7 @@ def _distance(
     """Return how far replays (T, M) are from others, or from what was measured, of its motion."""
     squares = []
     for number, (one, path) in enumerate(zip(pieces, paths, strict=True)):
-        own = np.column_stack([one.log.column(f"qpos.{name}") for name in scalars(one.log)])
+        own = np.column_stack([one.column(f"qpos.{name}") for name in scalars(one.log)])
         motion = np.maximum(own.std(axis=0), settings.preflight.moved)
         off = path - (own if others is None else others[number])
         size = np.sqrt(np.mean(off**2, axis=0)) / motion

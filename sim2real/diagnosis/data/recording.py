@@ -1,8 +1,8 @@
 """A log in a model's terms: which model, which columns, and its rows as a recording to replay.
 
     spec = as_recorded(load_model(log, "arm.xml"), log)
-    recording = to_recording(episode, model)                    # a whole episode
-    recording = to_recording(log.rows(500, 650), model, rows_before(log, 500))
+    recording = to_recording(episode, model)            # a whole episode
+    recording = to_recording(log, model, 500, 650)      # rows of one
 
 A replay may start anywhere in an episode. Positions are those of its first row, moved on to the
 time of the row if they were read at another. Speeds are those that were logged; where there are
@@ -12,7 +12,7 @@ episode it is the first one.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -31,7 +31,6 @@ from sim2real.diagnosis.data.speeds import AROUND, Motion, motion_at
 from sim2real.diagnosis.data.states import state_of
 from sim2real.runs.errors import Sim2RealError
 
-Columns = Mapping[str, np.ndarray]
 BLOCKED = "flag.blocked"  # the column of rows in which something is in the robot's way
 HUNTING = "flag.hunting"  # the column of rows in which a servo's loop hunts
 LINEAR = 1  # how MuJoCo's delay lines interpolate
@@ -144,86 +143,75 @@ def flagged(log: Log, column: str, rows: np.ndarray) -> Log:
     return replace(log, columns=columns) if rows.any() else log
 
 
-def rows_before(log: Log, row: int) -> Columns | None:
-    """Return the columns of the rows just before one; None where it is the first of its episode."""
-    start = int(np.argmax(log.episode == log.episode[row]))
-    near = slice(max(start, row - AROUND), row)
-    return None if row == start else {n: c[near] for n, c in log.columns.items()}
+def with_rows_before(log: Log, first: int, last: int | None = None) -> tuple[Log, int]:
+    """Return rows `first` to `last` (exclusive) with those just before, and how many these are.
+
+    There are none before the first row of an episode.
+    """
+    start = max(int(np.argmax(log.episode == log.episode[first])), first - AROUND)
+    return log.rows(start, len(log) if last is None else last), first - start
 
 
-def to_recording(log: Log, model: mujoco.MjModel, before: Columns | None = None) -> Recording:
+def to_recording(
+    log: Log, model: mujoco.MjModel, first: int = 0, last: int | None = None
+) -> Recording:
     """Return rows of an episode in the order of the model's joints and actuators.
 
     Joints that were not logged start where couplings put them, else from the keyframe
     `home`, else from the model's default; actuators without commands hold the keyframe's, else 0.
 
     Args:
-        log: the rows.
-        model: their model.
-        before: columns of the rows just before, as `rows_before` returns them; None where these
-            rows are the first of their episode, empty where nothing is known of those before.
+        log: a log with these rows and, where they are not the first of their episode, those before.
+        model: its model.
+        first: row at which the recording starts.
+        last: row after its last one; None: the end of the log.
     """
-    qpos, held = home(model)
-    ctrl, on = np.tile(held, (len(log), 1)), np.ones((len(log), model.nu), bool)
-    read = np.tile(log.time[:, None], model.nq)
-    for name, place in positions(log, model).items():
-        qpos[place] = log.column(f"qpos.{name}")[0]
-        read[:, place] = _stamps(log.columns, name)
+    near, row = with_rows_before(log, first, last)
+    start, (qpos, held) = near.time[row], home(model)
+    time = near.time - start
+    ctrl, on = np.tile(held, (len(near), 1)), np.ones((len(near), model.nu), bool)
     for i in range(model.nu):
         name = model.actuator(i).name
-        if f"ctrl.{name}" in log.columns:
-            gear = gear_of(model, i)
-            ctrl[:, i] = gear * log.column(f"ctrl.{name}")
-            held[i] = gear * before[f"ctrl.{name}"][-1] if before else ctrl[0, i]
-        on[:, i] = powered(log, name)
-    (moved, qvel, _), start = start_motion(log, model, before), log.time[0]
+        if f"ctrl.{name}" in near.columns:
+            ctrl[:, i] = gear_of(model, i) * near.column(f"ctrl.{name}")
+        on[:, i] = powered(near, name)
+    read, places = np.tile(time[:, None], model.nq), positions(near, model)
+    for name, place in places.items():
+        qpos[place] = near.column(f"qpos.{name}")[row]
+        read[:, place] = _stamps(near, name) - start
+    moved, qvel, _ = start_motion(near, model, row)
     mujoco.mj_integratePos(model, qpos, moved, 1.0)
-    law, act = laws_of(log, model), state_of(log, model)
-    qpos, qvel = follow_couplings(model, qpos, qvel, positions(log, model).values())
-    own = log.time - start, ctrl, qpos, qvel, on, held, read - start, law, act
-    return Recording(*own, *_past(before, model, held, start))
+    qpos, qvel = follow_couplings(model, qpos, qvel, places.values())
+    own = time[row:], ctrl[row:], qpos, qvel, on[row:], ctrl[max(row - 1, 0)], read[row:]
+    part = near.rows(row, len(near))
+    past = (time[:row], ctrl[:row]) if row else (None, None)
+    return Recording(*own, laws_of(part, model), state_of(part, model), *past)
 
 
-def _past(
-    before: Columns | None, model: mujoco.MjModel, held: np.ndarray, start: float
-) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
-    """Return when commands before a start [s] were written, (B,) s, and these, (B, nu)."""
-    if not before:
-        return None, None
-    past = np.tile(held, (len(before["time"]), 1))
-    for i in range(model.nu):
-        if (name := f"ctrl.{model.actuator(i).name}") in before:
-            past[:, i] = gear_of(model, i) * before[name]
-    return before["time"] - start, past
-
-
-def _stamps(columns: Columns, name: str) -> np.ndarray:
+def _stamps(log: Log, name: str) -> np.ndarray:
     """Return when a position was read, (T,) [s]; `root.3` has the stamps of `root`, if any."""
-    of_joint = columns.get(f"stamp.{name.rpartition('.')[0]}", columns["time"])
-    return columns.get(f"stamp.{name}", of_joint)
+    of_joint = log.columns.get(f"stamp.{name.rpartition('.')[0]}", log.time)
+    return log.columns.get(f"stamp.{name}", of_joint)
 
 
-def start_motion(log: Log, model: mujoco.MjModel, before: Columns | None) -> Motion:
-    """Return the motion when the first row of a log begins, (nv,) each.
+def start_motion(near: Log, model: mujoco.MjModel, row: int) -> Motion:
+    """Return the motion when a row begins, (nv,) each; the rows are those of `with_rows_before`.
 
     Joints that were read at another time have moved since. The velocity is sure where it was
-    logged, and where nothing says anything of it: at an episode's start. The columns before are
-    those of `to_recording`.
+    logged, and where nothing says anything of it: at an episode's start.
     """
     found = Motion(*np.zeros((3, model.nv)))
     for i in range(model.njnt):
         positions, speeds = columns_of(model, i)
         own = slice(int(model.jnt_dofadr[i]), int(model.jnt_dofadr[i]) + len(speeds))
-        after = log.time[0] - _stamps(log.columns, positions[0])[0]
-        if all(f"qvel.{name}" in log.columns for name in speeds):
-            found.speed[own] = [log.column(f"qvel.{name}")[0] for name in speeds]
+        time = _stamps(near, positions[0])
+        after = near.time[row] - time[row]
+        if all(f"qvel.{name}" in near.columns for name in speeds):
+            found.speed[own] = [near.column(f"qvel.{name}")[row] for name in speeds]
             found.moved[own] = found.speed[own] * after
-        elif before is not None and all(f"qpos.{name}" in log.columns for name in positions):
-            row = len(before.get("time", ()))
-            parts = [before, log.columns] if row else [log.columns]
-            time = np.concatenate([_stamps(part, positions[0]) for part in parts])
-            values = [np.concatenate([p[f"qpos.{n}"] for p in parts]) for n in positions]
-            motion = motion_at(time, np.column_stack(values), row, after, late_by(model))
+        elif row and all(f"qpos.{name}" in near.columns for name in positions):
+            values = np.column_stack([near.column(f"qpos.{name}") for name in positions])
+            motion = motion_at(time, values, row, after, late_by(model))
             for whole, part in zip(found, motion, strict=True):
                 whole[own] = part
     return found

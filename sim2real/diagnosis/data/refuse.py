@@ -136,7 +136,7 @@ def _gap(log: Log, spec: mujoco.MjSpec, joints: dict[str, str], settings: Settin
     found = []
     for piece, path in zip(pieces, paths, strict=True):
         for joint in joints.values():
-            off = path[:, int(model.joint(joint).qposadr[0])] - piece.log.column(f"qpos.{joint}")
+            off = path[:, int(model.joint(joint).qposadr[0])] - piece.column(f"qpos.{joint}")
             spread = max(float(log.column(f"qpos.{joint}").std()), TINY)
             sizes = np.fmin(np.abs(off) / spread, most)  # NaN: it diverged
             found.append(float(np.sqrt(np.mean(sizes**2))))

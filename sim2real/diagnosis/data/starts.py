@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from sim2real.diagnosis.data.dataset import Data
-from sim2real.diagnosis.data.recording import rows_before, start_motion
+from sim2real.diagnosis.data.recording import start_motion, with_rows_before
 from sim2real.diagnosis.data.speeds import NEAR
 from sim2real.diagnosis.data.windows import Window
 
@@ -52,5 +52,5 @@ def slope_errors(data: Data, window: Window, noise: np.ndarray) -> np.ndarray:
 def start_errors(data: Data, window: Window) -> np.ndarray:
     """Return the standard deviations of a window's speeds at its start [rad/s or m/s], (M,)."""
     log, model = data.logs[window.log], data.models[window.model]
-    part, before = log.rows(window.start, window.last), rows_before(log, window.start)
-    return speeds_at(data, model, start_motion(part, model, before).unsure)
+    near, row = with_rows_before(log, window.start, window.last)
+    return speeds_at(data, model, start_motion(near, model, row).unsure)

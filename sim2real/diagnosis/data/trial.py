@@ -19,14 +19,7 @@ from envs.plant import Fixed, Plant
 from envs.replay import Recording, schedule, simulate, switchable
 from envs.replay.recording import ROUNDING
 from hardware.log import Log
-from sim2real.diagnosis.data.recording import (
-    HUNTING,
-    Columns,
-    episode_rows,
-    is_flagged,
-    rows_before,
-    to_recording,
-)
+from sim2real.diagnosis.data.recording import HUNTING, episode_rows, is_flagged, to_recording
 from sim2real.diagnosis.data.speeds import NEAR
 
 LARGEST = 2e8  # bytes of positions simulated at once
@@ -39,12 +32,16 @@ class Piece(NamedTuple):
     """Some rows of one episode."""
 
     number: int  # of the log, in the order given
-    log: Log  # these rows alone
-    before: Columns | None  # of the rows just before; None where it starts with its episode
+    log: Log  # all of it
+    rows: slice  # which
 
     def recording(self, model: mujoco.MjModel) -> Recording:
         """Return the piece in the order of a model's joints and actuators."""
-        return to_recording(self.log, model, self.before)
+        return to_recording(self.log, model, self.rows.start, self.rows.stop)
+
+    def column(self, name: str) -> np.ndarray:
+        """Return a column of the log in these rows, (T,)."""
+        return self.log.column(name)[self.rows]
 
 
 def choose(logs: Sequence[Log], seconds: float) -> list[Piece]:
@@ -78,8 +75,7 @@ def choose(logs: Sequence[Log], seconds: float) -> list[Piece]:
             break
         seen = np.maximum(seen, shares[top])
         number, first, last = cuts[top]
-        log = logs[number]
-        chosen.append(Piece(number, log.rows(first, last), rows_before(log, first)))
+        chosen.append(Piece(number, logs[number], slice(first, last)))
     return chosen
 
 

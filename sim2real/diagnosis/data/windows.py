@@ -25,7 +25,6 @@ from sim2real.diagnosis.data.recording import (
     episode_rows,
     is_flagged,
     powered,
-    rows_before,
     to_recording,
 )
 from sim2real.diagnosis.data.speeds import NEAR
@@ -215,7 +214,7 @@ def cut_one(
     """Return the window whose warm-up, comparison and end are at these rows of a log."""
     warm, first, last = rows
     origin, scored = float(log.time[warm]), slice(first, last)
-    recording = to_recording(log.rows(warm, last), model, rows_before(log, warm))
+    recording = to_recording(log, model, warm, last)
     stamps = [log.columns.get(f"stamp.{joint.name}", log.time)[scored] for joint in joints]
     measured = np.column_stack([log.column(f"qpos.{joint.name}")[scored] for joint in joints])
     spread = np.array([joint.spread for joint in joints])

@@ -6,7 +6,7 @@ import pytest
 
 from hardware.log import Log
 from sim2real.diagnosis.data.poses import follow_couplings
-from sim2real.diagnosis.data.recording import rows_before, to_recording
+from sim2real.diagnosis.data.recording import to_recording
 
 BODY = '<geom size="0.02 0.05" type="capsule" mass="0.1" contype="0" conaffinity="0"/>'
 GEARS = f"""<mujoco><worldbody>
@@ -78,7 +78,7 @@ def test_a_replay_from_the_middle_starts_with_its_gear_there() -> None:
     columns = {"episode": 0 * time, "time": time, "ctrl.drive": angle, "qpos.drive": angle}
     log = Log(columns | {"qvel.drive": 3 * np.cos(5 * time)})
     model = mujoco.MjModel.from_xml_string(GEARS)
-    recording = to_recording(log.rows(10, 30), model, rows_before(log, 10))
+    recording = to_recording(log, model, 10, 30)
     drive, driven = places(model, "drive", "driven")
     q, v = angle[10], 3 * np.cos(5 * time[10])
     assert recording.qpos[drive] == q

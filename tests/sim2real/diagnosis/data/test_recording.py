@@ -11,7 +11,6 @@ from envs.replay import replay, switchable
 from hardware.log import Log, read_logs, write_log
 from sim2real.diagnosis.data.recording import (
     load_model,
-    rows_before,
     shorten,
     to_recording,
 )
@@ -87,8 +86,7 @@ def test_the_command_before_a_start_is_held(log: Log, model: mujoco.MjModel) -> 
     """In mid-episode it is the row's before, at an episode's start the first one."""
     ctrl = np.column_stack([log.column(f"ctrl.{name}") for name in "ab"])
     part = log.rows(ROW, ROW + 50)
-    inside = to_recording(part, model, rows_before(log, ROW))
-    assert rows_before(log, 0) is None
+    inside = to_recording(log, model, ROW, ROW + 50)
     assert inside.held == pytest.approx(ctrl[ROW - 1])
     assert inside.since is not None and inside.past is not None
     rows = np.searchsorted(log.time, inside.since + log.time[ROW] + 1e-9) - 1
@@ -101,7 +99,7 @@ def test_the_command_before_a_start_is_held(log: Log, model: mujoco.MjModel) -> 
 def test_a_start_in_mid_episode_has_the_slope_of_the_positions(log: Log, model) -> None:
     """Where no speeds are logged; at the start of an episode the robot rests."""
     part = log.rows(ROW, ROW + 50)
-    found = to_recording(part, model, rows_before(log, ROW)).qvel
+    found = to_recording(log, model, ROW, ROW + 50).qvel
     around = np.column_stack([log.column(f"qpos.{name}")[ROW - 1 : ROW + 2] for name in "ab"])
     assert found == pytest.approx((around[2] - around[0]) * arm.RATE / 2, abs=0.05)
     assert np.abs(found).min() > 0.1
@@ -113,8 +111,7 @@ def test_a_start_has_the_speeds_that_were_logged(log: Log, model: mujoco.MjModel
     speeds = {f"qvel.{name}": np.linspace(0, k, len(log)) for k, name in ((1.0, "a"), (-2.0, "b"))}
     told = Log({**log.columns, **speeds})
     for row in (0, ROW):
-        part = told.rows(row, row + 50)
-        found = to_recording(part, model, rows_before(told, row)).qvel
+        found = to_recording(told, model, row, row + 50).qvel
         assert found.tolist() == [column[row] for column in speeds.values()]
 
 
@@ -127,7 +124,7 @@ def test_a_start_is_where_the_joint_was_when_its_row_began(later: float) -> None
         columns = {"episode": 0 * time, "time": time, "ctrl.a": 0 * time, "stamp.a": time + later}
         log = Log({**columns, "qpos.a": np.sin(pulse * (time + later)), **qvel})
         for row in range(20, 80):
-            start = to_recording(log.rows(row, 99), model, rows_before(log, row))
+            start = to_recording(log, model, row, 99)
             assert start.qpos[0] == pytest.approx(np.sin(pulse * time[row]), abs=1e-3)
             if not qvel:
                 assert start.qvel[0] == pytest.approx(pulse * np.cos(pulse * time[row]), abs=0.15)
@@ -145,7 +142,7 @@ def test_a_start_s_speed_is_that_of_the_engine(integrator: str) -> None:
     time, position, speed = np.array(states).T
     log = Log({"episode": 0 * time, "time": time, "ctrl.a": 0 * time, "qpos.a": position})
     rows = range(5, 50)
-    found = [to_recording(log.rows(r, 60), model, rows_before(log, r)).qvel[0] for r in rows]
+    found = [to_recording(log, model, r, 60).qvel[0] for r in rows]
     off = np.abs(found - speed[list(rows)])  # half a step of the swing's acceleration: 0.18 rad/s
     assert off.max() < 0.04
 
@@ -173,8 +170,7 @@ def test_a_base_goes_on_from_where_it_was_in_mid_flight(thrown, speeds) -> None:
     model, log = thrown
     if speeds == "slopes":
         log = Log({n: c for n, c in log.columns.items() if not n.startswith("qvel.root")})
-    part = log.rows(30, 60)
-    start = to_recording(part, model, rows_before(log, 30))
+    start = to_recording(log, model, 30, 60)
     truth = thrown[1]
     qvel = [truth.column(f"qvel.root.{k}")[30] for k in range(6)]
     exact = speeds == "logged"
@@ -189,7 +185,7 @@ def test_a_base_without_a_whole_pose_rests_at_home(thrown: tuple[mujoco.MjModel,
     """What was not logged is the model's: nothing is guessed from a part of it."""
     model, log = thrown
     left = {n: c for n, c in log.columns.items() if ".root." not in n}
-    start = to_recording(Log(left).rows(30, 60), model, rows_before(Log(left), 30))
+    start = to_recording(Log(left), model, 30, 60)
     assert start.qpos[:7].tolist() == model.qpos0[:7].tolist()
     assert not start.qvel[:6].any()
 
