@@ -61,11 +61,7 @@ def tested(found: Diagnosis, prepared: PreparedLogs, settings: Settings) -> Diag
 def pictured(found: Diagnosis, made: Conclusion, data: Data, floors: np.ndarray) -> Diagnosis:
     """Add how measurement and simulation ran, with and without the causes.
 
-    Args:
-        found: what the search came to.
-        made: its conclusion, with held-out errors.
-        data: the windows.
-        floors: noise floor of each joint [rad or m], (M,).
+    `floors` are the noise floors of the joints [rad or m], (M,).
     """
     pictures = traces(data, made.errors, floors)
     evidence = replace(
@@ -93,15 +89,9 @@ def played(
     seed: int,
     settings: Settings,
 ) -> Diagnosis:
-    """Add how the policy that wrote the logs fares in both simulators.
+    """Add how the policy that wrote the logs fares in both simulators; see `diagnose`.
 
-    Args:
-        found: what the search came to; nothing is played where its logs contradict themselves.
-        logs: as they were recorded.
-        load_player: see `diagnose`.
-        actor: see `diagnose`.
-        seed: of the values that are drawn from their intervals.
-        settings: every number that steers the answer.
+    The logs are as they were recorded. Nothing is played where they contradict themselves.
     """
     if blocking_findings(found.report):
         return found

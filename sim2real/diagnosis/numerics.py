@@ -36,11 +36,7 @@ def null_test(
 ) -> dict[str, str]:
     """Return "ok", or what replays of pieces say, of each change that makes numerics better.
 
-    Args:
-        logs: the logs.
-        specs: the model of each.
-        fixed: effects that are in the model already.
-        settings: which results of the changes count.
+    `specs` are the models of the logs, `fixed` effects that are in them already.
     """
     pieces = choose(logs, settings.simulation.piece_s)
     given, words = _replayed(pieces, specs, fixed), {}
@@ -73,19 +69,10 @@ def is_numerics(
     fixed: Sequence[Fixed] = (),
     settings: Settings = DEFAULT,
 ) -> str | None:
-    """Say whether most of what an effect gains vanishes in models with better numerics.
+    """Say that most of what a cause gains vanishes in models with better numerics; None: it stays.
 
-    Args:
-        logs: the logs.
-        specs: the model of each.
-        cause: the effect with its fitted values.
-        words: of the null test of the same logs and models, with the same `fixed`: what a stiff
-            model hides shows once its gain is right.
-        fixed: effects that are in the model besides.
-        settings: those of the test.
-
-    Returns:
-        A sentence, or None where the gain stays.
+    `words` are those of the null test of the same logs and models, with the same `fixed`: what a
+    stiff model hides shows once its gain is right.
     """
     needed = [name for name, word in words.items() if word != "ok"]
     if not needed:

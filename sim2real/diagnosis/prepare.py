@@ -49,12 +49,7 @@ def prepare(
 ) -> PreparedLogs:
     """Return logs as they are compared, and what is wrong with them before any physics is.
 
-    Args:
-        logs: at least one.
-        model: an MJCF for all logs; None: the model that each log names.
-        fixed: effects that are in the model already.
-        settings: every number that steers the answer.
-        on_progress: called with what is being done and the share of the work that is done.
+    `fixed` are effects that are in the model already; without a model each log names its own.
 
     Raises:
         Sim2RealError: logs of a kind that the model lacks, joints that never moved.
@@ -80,7 +75,7 @@ def prepare(
         *hunts,
         *preflight(logs, specs, settings),
         *check_ground(estimates, data.log_models, settings.ground),
-        *check_pushes(data, estimates, settings.ground),
+        *check_pushes(data, estimates),
     ]
     restart = partial(grounded, given, estimates) if estimates else None
     return PreparedLogs(logs, data, specs, driven, findings, restart)

@@ -27,11 +27,6 @@ def replayed(found: Diagnosis, prepared: PreparedLogs, settings: Settings = DEFA
 
     Where the robot hunts and the model does nowhere, with all that was found in it, nothing is
     explained, and there is a gap.
-
-    Args:
-        found: the diagnosis.
-        prepared: its logs.
-        settings: what counts as hunting.
     """
     driven, models = prepared.driven, [("As given", _gaps(prepared, found.known))]
     if found.report.effects:

@@ -52,12 +52,7 @@ class Data:
     def of(
         logs: Sequence[Log], model: str | Path | None = None, settings: Settings = DEFAULT
     ) -> Data:
-        """Cut logs into windows.
-
-        Args:
-            logs: of one robot.
-            model: an MJCF for all of them; None: the model that each log names.
-            settings: of this and all later stages.
+        """Cut logs of one robot into windows; without a model each log names its own.
 
         Raises:
             Sim2RealError: no model, a log whose joints never move, or logs without a joint in

@@ -33,11 +33,7 @@ class ProgressLines:
 
 
 class Moving:
-    """Progress whose share neither falls nor stands still: what is left is known only as it goes.
-
-    Args:
-        progress: receives each step's text and the share of the work that is done.
-    """
+    """Progress whose share neither falls nor rests: what is left is known only as it goes."""
 
     def __init__(self, progress: Progress) -> None:
         self._progress, self._text, self._share = progress, "", 0.0

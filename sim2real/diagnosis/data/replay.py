@@ -62,10 +62,7 @@ def measure_all(
 ) -> list[Gap]:
     """Do the same for many logs, those of one model side by side.
 
-    Args:
-        logs: the logs.
-        specs: the model of each; the same object where logs share one, and a bus delay.
-        fixed: effects that all models have.
+    `specs` are their models, the same object where logs share one, and a bus delay.
 
     Raises:
         LogError: a log that names what its model lacks.

@@ -46,12 +46,9 @@ class Estimate(NamedTuple):
 
 
 def estimate_all(logs: Sequence[Log], model: str | Path | None, settings: Ground) -> list[Estimate]:
-    """Return the estimate of each log; none at all where no log needs one.
+    """Return the estimate of each log of a robot; none at all where no log needs one.
 
-    Args:
-        logs: of one robot.
-        model: an MJCF for all of them; None: the model that each log names.
-        settings: how sure each channel is.
+    Without a model each log names its own.
 
     Raises:
         Sim2RealError: a base that turns freely, has no IMU and does not rest on its soles, or one

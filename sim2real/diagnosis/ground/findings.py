@@ -28,13 +28,7 @@ EDGE = 2  # rows at either end of an episode that have no slope of a slope
 def check_ground(
     estimates: Sequence[Estimate], models: Sequence[mujoco.MjModel], settings: Ground
 ) -> list[Finding]:
-    """Return what there is to say about logs whose base was estimated; nothing without any.
-
-    Args:
-        estimates: of each log.
-        models: the model of each.
-        settings: what is worth a word.
-    """
+    """Return what there is to say about logs whose base was estimated; nothing without any."""
     if not estimates:
         return []
     pairs = list(zip(estimates, models, strict=True))

@@ -48,15 +48,9 @@ def rows_of(estimate: Estimate, settings: Ground) -> list[tuple[int, int, int]]:
     return found
 
 
-def check_pushes(data: Data, estimates: Sequence[Estimate], settings: Ground) -> list[Finding]:
-    """Return a finding for each log with windows that were left out.
-
-    Args:
-        data: the windows that are left.
-        estimates: of each log.
-        settings: how long windows are.
-    """
-    found = []
+def check_pushes(data: Data, estimates: Sequence[Estimate]) -> list[Finding]:
+    """Return a finding for each log with windows that were left out of the data."""
+    found, settings = [], data.settings.ground
     for number, estimate in enumerate(estimates):
         kept, log = {w.start for w in data.windows if w.log == number}, estimate.log
         rows = [start for start, _, _ in rows_of(estimate, settings) if start not in kept]

@@ -30,12 +30,9 @@ PARTS = (4, 5, 6)  # of a free joint's position: that vector part
 
 
 def grounded(data: Data, estimates: Sequence[Estimate], fixed: Sequence[Fixed] = ()) -> Data:
-    """Return the data with windows that start from estimates.
+    """Return the data, of logs with columns of the estimates, with windows that start from these.
 
-    Args:
-        data: of logs with the columns of the estimates.
-        estimates: of each log.
-        fixed: effects that are known.
+    `fixed` are effects that are in the model already.
     """
     settings = data.settings.ground
     plain = replace(data, joints=tuple(_joints(data, estimates, settings)))

@@ -72,11 +72,7 @@ def tell_simulated(
 ) -> tuple[list[Finding], bool]:
     """Return findings that also say whether models hunt where the robot does.
 
-    Args:
-        findings: those of `mark_hunting`; others come back as they are.
-        driven: see there.
-        models: what each is called, and all logs replayed in it.
-        settings: what counts as hunting.
+    Findings and `driven` are as in `mark_hunting`, models what each is called and its replays.
 
     Returns:
         The findings, and whether the robot hunts and the last model at none of its joints: what
