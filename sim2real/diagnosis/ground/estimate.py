@@ -78,23 +78,23 @@ def estimated(log: Log, model: mujoco.MjModel, settings: Ground) -> Estimate | N
     if base is None:
         return None
     parts = [_episode(part, model, base, settings) for part in log.episodes()]
-    qpos, qvel, slope = (
-        np.concatenate([getattr(part, name) for part in parts])
-        for name in ("qpos", "qvel", "slope")
-    )
-    walk = Walk(*(np.concatenate(one) for one in zip(*(p.walk for p in parts), strict=True)))
+    qpos, qvel, slope, *walk = map(np.concatenate, zip(*(rows for rows, _ in parts), strict=True))
     columns = dict(log.columns)
     for joint in base.joints:  # as if they had been logged
         places, speeds = columns_of(model, joint)
         first, dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
         columns |= {f"qpos.{n}": qpos[:, first + k] for k, n in enumerate(places)}
         columns |= {f"qvel.{n}": qvel[:, dof + k] for k, n in enumerate(speeds)}
+    (_, lift), *_ = parts
+    felt = imu_of(log, model, base) is not None
     full = Log(columns, log.meta, log.path)
-    return parts[0]._replace(log=full, qpos=qpos, qvel=qvel, walk=walk, slope=slope)
+    return Estimate(full, base, qpos, qvel, Walk(*walk), slope, lift, felt)
 
 
-def _episode(part: Log, model: mujoco.MjModel, base: Base, settings: Ground) -> Estimate:
-    """Return the states of one episode, whose log stays as it is."""
+def _episode(
+    part: Log, model: mujoco.MjModel, base: Base, settings: Ground
+) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+    """Return qpos, qvel, slope and walk of an episode's T rows, and the lift; see `Estimate`."""
     count, imu = len(part), imu_of(part, model, base)
     qpos, qvel = np.tile(home(model)[0], (count, 1)), np.zeros((count, model.nv))
     slope = np.full((count, model.nv), settings.speed_doubt)
@@ -127,7 +127,7 @@ def _episode(part: Log, model: mujoco.MjModel, base: Base, settings: Ground) -> 
         qpos[:, base.qpos] += along + np.outer(walk.height - along @ feet.up, feet.lift)
     qvel[:, base.dofs] = walk.speed
     slope[:, base.dofs] = walk.unsure
-    return Estimate(part, base, qpos, qvel, walk, slope, feet.lift, imu is not None)
+    return (qpos, qvel, slope, *walk), feet.lift
 
 
 def _rested(
