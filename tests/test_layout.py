@@ -29,7 +29,7 @@ KNOWS = {  # each room of sim2real/, and the other rooms that it may import
 FLOORS = (  # of diagnosis/
     *("settings", "evidence", "schema", "data", "locate", "numerics", "ground", "preflight"),
     *("contract", "prepare", "closed_loop", "inference", "experiments", "report", "comparison"),
-    *("outcome", "whole_replay", "design", "additions", "diagnose"),
+    *("outcome", "design", "additions", "diagnose"),
 )
 
 

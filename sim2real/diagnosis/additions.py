@@ -1,4 +1,4 @@
-"""What is added to a verdict: tests, pictures, other channels, the closed loop, what to record.
+"""What is added to a verdict: replays, tests, pictures, channels, a closed loop, what to record.
 
     found = added(found, "the closed loop", lambda found: played(found, logs, ...))
 
@@ -6,28 +6,33 @@ A step that fails is a line in the report.
 """
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from envs.plant import Fixed
 from hardware.log import Log
 from sim2real.diagnosis.closed_loop.check import Drawn, LoadPlayer, closed_loop_of
 from sim2real.diagnosis.data.channels import channel_gaps, contradicting
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.replay import Gap, measure_all, summary
 from sim2real.diagnosis.design import design
 from sim2real.diagnosis.inference.conclusion import Conclusion
 from sim2real.diagnosis.numerics import is_numerics
 from sim2real.diagnosis.outcome import Diagnosis, blocking_findings, intervals_of
 from sim2real.diagnosis.preflight.control_laws import measured_torques
+from sim2real.diagnosis.preflight.hunting import tell_simulated
 from sim2real.diagnosis.prepare import PreparedLogs
 from sim2real.diagnosis.report.traces import signals, traces
+from sim2real.diagnosis.schema import Verdict, WholeReplay
 from sim2real.diagnosis.settings import Settings
 from sim2real.runs.errors import Sim2RealError
 
 log_ = logging.getLogger(__name__)
 
+LESS: Mapping[Verdict, Verdict] = {"explained": "partly_explained", "no_gap": "unexplained"}
 Step = Callable[[Diagnosis], Diagnosis]
 
 
@@ -39,6 +44,34 @@ def added(found: Diagnosis, name: str, step: Step) -> Diagnosis:
         log_.exception("%s failed", name)
         failed = (*found.report.failed, f"{name}: {error}")
         return found._replace(report=replace(found.report, failed=failed))
+
+
+def replayed(found: Diagnosis, prepared: PreparedLogs, settings: Settings) -> Diagnosis:
+    """Add what `run=replay` says of the logs, with what was known and with what was found.
+
+    Where the robot hunts and the model does nowhere, with all that was found in it, nothing is
+    explained, and there is a gap.
+    """
+    driven, models = prepared.driven, [("As given", _gaps(prepared, found.known))]
+    if found.report.effects:
+        models.append(("with the causes", _gaps(prepared, found.effects)))
+    rmse = [float(summary(gaps)["rmse"]) if gaps else None for _, gaps in models]
+    replay = WholeReplay(rmse[0], rmse[1] if len(rmse) > 1 else None)
+    report, run = found.report, [(name, gaps) for name, gaps in models if gaps]
+    checked, alone = tell_simulated(report.preflight, driven, run, settings)
+    less = alone and models[-1][1]
+    verdict = LESS.get(report.verdict, report.verdict) if less else report.verdict
+    report = replace(report, replay=replay, preflight=tuple(checked), verdict=verdict)
+    return found._replace(report=report)
+
+
+def _gaps(prepared: PreparedLogs, effects: Sequence[Fixed]) -> list[Gap]:
+    """Return all logs replayed with effects; none where the model runs off."""
+    try:
+        return measure_all(prepared.logs, prepared.specs, effects)
+    except Sim2RealError as error:
+        log_.info("no whole replay: %s", error)
+        return []
 
 
 def tested(found: Diagnosis, prepared: PreparedLogs, settings: Settings) -> Diagnosis:

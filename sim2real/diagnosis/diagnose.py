@@ -15,7 +15,6 @@ import hashlib
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from functools import partial
 from importlib import metadata
 from pathlib import Path
 
@@ -25,7 +24,7 @@ import numpy as np
 from envs.effects import load_effects
 from envs.replay import without_impedance
 from hardware.log import Log, read_logs
-from sim2real.diagnosis.additions import Step, added, pictured, planned, played, tested, witnessed
+from sim2real.diagnosis import additions
 from sim2real.diagnosis.closed_loop.check import LoadPlayer
 from sim2real.diagnosis.contract.logged import LoadPolicy, check_beforehand
 from sim2real.diagnosis.data.dataset import Data
@@ -42,7 +41,6 @@ from sim2real.diagnosis.prepare import prepare
 from sim2real.diagnosis.report.provenance import links
 from sim2real.diagnosis.schema import Report
 from sim2real.diagnosis.settings import DEFAULT, Settings, rows
-from sim2real.diagnosis.whole_replay import replayed
 from sim2real.runs.errors import Sim2RealError
 
 TELLING = 0.95  # share of the work that is done then
@@ -155,19 +153,19 @@ def run_diagnosis(
         tuple(Member(*one) for one in made.alike),
         {joint.name: float(f) for joint, f in zip(data.joints, floors, strict=True)},
     )
-    whole = partial(replayed, prepared=prepared, settings=settings)
-    outcome = added(outcome, "the replay of whole recordings", whole)
+    name = "the replay of whole recordings"
+    outcome = additions.added(outcome, name, lambda d: additions.replayed(d, prepared, settings))
     if on_verdict is not None:
         on_verdict(outcome)
-    steps: dict[str, Step] = {
-        "the causes' test for numerics": lambda d: tested(d, prepared, settings),
-        "the pictures of recordings": lambda d: pictured(d, made, data, floors),
-        "the other channels": lambda d: witnessed(d, data),
-        "the closed loop": lambda d: played(d, logs, load_player, actor, seed, settings),
-        "the next experiment": lambda d: planned(d, data, seed),
+    steps: dict[str, additions.Step] = {
+        "the causes' test for numerics": lambda d: additions.tested(d, prepared, settings),
+        "the pictures of recordings": lambda d: additions.pictured(d, made, data, floors),
+        "the other channels": lambda d: additions.witnessed(d, data),
+        "the closed loop": lambda d: additions.played(d, logs, load_player, actor, seed, settings),
+        "the next experiment": lambda d: additions.planned(d, data, seed),
     }
     for name, step in steps.items():
-        outcome = added(outcome, name, step)
+        outcome = additions.added(outcome, name, step)
     on_progress("done", 1.0)
     return outcome._replace(report=replace(outcome.report, seconds=time.monotonic() - start))
 
