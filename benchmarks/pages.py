@@ -16,7 +16,7 @@ from envs.effects import table
 from sim2real.config import catalogue
 from sim2real.diagnosis import schema
 from sim2real.diagnosis.settings import DEFAULT
-from sim2real.diagnosis.settings.base import rows
+from sim2real.diagnosis.settings.base import rows, rows_of
 from sim2real.identification import settings as identification
 from sim2real.runs.files import write_text
 
@@ -97,21 +97,12 @@ def settings() -> str:
         " part of the error that the model cannot explain.",
     ]
     stages: dict[str, list[tuple[str, ...]]] = {}
-    for row in rows(DEFAULT):
+    own = identification.DEFAULT
+    for row in [*rows(DEFAULT), *rows_of("identification", own)]:
         line = (f"`{row.name}`", f"`{_rounded(row.value)}`", row.unit, row.meaning)
         stages.setdefault(row.stage, []).append(line)
-    own = identification.DEFAULT
     about = {f.name: getattr(DEFAULT, f.name).__doc__ for f in dataclasses.fields(DEFAULT)}
     about["identification"] = own.__doc__
-    stages["identification"] = [
-        (
-            f"`{f.name}`",
-            f"`{_rounded(getattr(own, f.name))}`",
-            f.metadata["unit"],
-            f.metadata["meaning"],
-        )
-        for f in dataclasses.fields(own)
-    ]
     for stage, lines in stages.items():
         parts += [f"## {stage}", str(about[stage])]
         parts += [markdown(("setting", "value", "unit", "meaning"), lines)]

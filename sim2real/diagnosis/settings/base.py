@@ -2,7 +2,7 @@
 
     @dataclass(frozen=True)
     class Lag:
-        window_s: float = setting(3.0, "length of a window", unit="s")
+        window_s: float = setting(3.0, "length of a window")
 
     for row in rows(Settings()): row.stage, row.name, row.value, row.unit, row.meaning, row.origin
 
@@ -22,6 +22,11 @@ DEVELOPED = (
 JUDGED = "judgement; not studied"
 COST = "computing time: a finer value changes the answer little and costs more"
 ROUNDING = "derived: keeps a singular system solvable, far below what data say"
+
+# Endings of names, and the units that they stand for; of two that fit, the longer one is first.
+ENDINGS = {"_rad_s": "rad/s", "_m_s2": "m/s²", "_m_s": "m/s", "_s": "s"}
+ENDINGS |= {"_m": "m", "_rad": "rad", "_hz": "Hz"}
+
 TINY = 1e-9  # rad, m, s or a share: keeps quotients finite and is far below anything measured
 TINY_SQUARE = TINY**2
 
@@ -37,14 +42,14 @@ class Row(NamedTuple):
     origin: str
 
 
-def setting(default: Any, meaning: str, origin: str = JUDGED, *, unit: str = "1") -> Any:
+def setting(default: Any, meaning: str, origin: str = JUDGED, *, unit: str | None = None) -> Any:
     """Return a field of a settings class.
 
     Args:
         default: its value.
         meaning: what it limits, as a phrase.
         origin: where the value comes from: derived, a reference, or the cases it was tuned on.
-        unit: SI; "1" for a share, factor or count.
+        unit: SI; None: the one that the name ends with, else "1" for a share, factor or count.
     """
     return field(default=default, metadata={"unit": unit, "meaning": meaning, "origin": origin})
 
@@ -52,7 +57,13 @@ def setting(default: Any, meaning: str, origin: str = JUDGED, *, unit: str = "1"
 def rows(settings: Any) -> Iterator[Row]:
     """Yield every setting of every stage, in the order of the classes."""
     for stage in fields(settings):
-        group = getattr(settings, stage.name)
-        for one in fields(group):
-            about = (one.metadata[key] for key in ("unit", "meaning", "origin"))
-            yield Row(stage.name, one.name, getattr(group, one.name), *about)
+        yield from rows_of(stage.name, getattr(settings, stage.name))
+
+
+def rows_of(stage: str, group: Any) -> Iterator[Row]:
+    """Yield every setting of one stage."""
+    for one in fields(group):
+        unit, meaning, origin = (one.metadata[key] for key in ("unit", "meaning", "origin"))
+        if unit is None:
+            unit = next((own for end, own in ENDINGS.items() if one.name.endswith(end)), "1")
+        yield Row(stage, one.name, getattr(group, one.name), unit, meaning, origin)

@@ -25,11 +25,9 @@ class Windows:
     """
 
     warm_s: float = setting(
-        0.4, "simulated time before the first compared row of a window", DEVELOPED, unit="s"
+        0.4, "simulated time before the first compared row of a window", DEVELOPED
     )
-    longest_s: float = setting(
-        3.0, "longest window, unless the commands reverse slowly", DEVELOPED, unit="s"
-    )
+    longest_s: float = setting(3.0, "longest window, unless the commands reverse slowly", DEVELOPED)
     windows_usual: int = setting(
         12, "intended number of windows; more if they would exceed `longest_s`", DEVELOPED
     )
@@ -40,18 +38,12 @@ class Windows:
         "derived: what shows in a tenth of the blocks is drawn again in 19 of 20 resamples",
     )
     state_s: float = setting(
-        0.25,
-        "length of a window if no position servo corrects a joint's errors",
-        DEVELOPED,
-        unit="s",
+        0.25, "length of a window if no position servo corrects a joint's errors", DEVELOPED
     )
     unsure_s: float = setting(
-        0.7,
-        "length of such a window if no speed is logged and the base is fixed",
-        DEVELOPED,
-        unit="s",
+        0.7, "length of such a window if no speed is logged and the base is fixed", DEVELOPED
     )
-    slowest_s: float = setting(12.0, "longest window of slow motions", DEVELOPED, unit="s")
+    slowest_s: float = setting(12.0, "longest window of slow motions", DEVELOPED)
     turn: float = setting(
         0.1,
         "smallest reversal that counts, relative to the range of motion, or to the swings of a "
@@ -65,7 +57,6 @@ class Windows:
         "after an obstruction that is excluded as well; width of the moving average that is "
         "subtracted to see fast oscillations",
         DEVELOPED,
-        unit="s",
     )
     reach: float = setting(
         0.25, "largest shift of a window's start to a calm moment, relative to the window"
@@ -85,7 +76,7 @@ class Simulation:
         10.0, "limit to which errors are clipped, relative to the joint's spread"
     )
     piece_s: float = setting(
-        5.0, "length of the pieces of a log that are replayed to test the model", COST, unit="s"
+        5.0, "length of the pieces of a log that are replayed to test the model", COST
     )
     strengths: tuple[float, ...] = setting(
         (0.5, 0.2, 0.07), "motor strengths at which loads are simulated, decreasing", DEVELOPED
@@ -97,7 +88,7 @@ class Regimes:
     """The regimes of motion in which an error may occur, such as reversals or high load."""
 
     rest_speed: float = setting(0.05, "speed below which a joint is at rest", unit="rad/s")
-    smoothing_s: float = setting(0.06, "width of the moving average of speeds", unit="s")
+    smoothing_s: float = setting(0.06, "width of the moving average of speeds")
     goal_error: float = setting(
         0.01, "position error below which a joint is at its goal", unit="rad"
     )
@@ -112,7 +103,6 @@ class Bootstrap:
         "shortest block, and shortest total duration of the logs; also the time for which "
         "equal commands make a repeated motion",
         DEVELOPED,
-        unit="s",
     )
     draws: int = setting(400, "number of resamples", COST)
 

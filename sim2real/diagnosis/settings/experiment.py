@@ -9,7 +9,7 @@ from sim2real.diagnosis.settings.base import setting
 class Experiment:
     """The motions from which the next recording is chosen."""
 
-    motion_s: float = setting(8.0, "duration of a motion", unit="s")
+    motion_s: float = setting(8.0, "duration of a motion")
     size: float = setting(
         0.6, "amplitude of a motion, relative to the distance to the nearer limit"
     )
@@ -20,7 +20,7 @@ class Experiment:
         0.5, "motion of a joint without torque above which the robot falls", unit="rad"
     )
     edge: float = setting(0.05, "part of a joint's range, at each limit, in which no motion starts")
-    hand_s: float = setting(60.0, "time assumed for a change by hand", unit="s")
+    hand_s: float = setting(60.0, "time assumed for a change by hand")
     supply: float = setting(
         0.85, "supply voltage in a proposed motion, relative to the full voltage"
     )

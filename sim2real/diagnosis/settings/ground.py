@@ -15,62 +15,46 @@ class Ground:
         6, "number of iterations that classify feet as standing or slipping", COST
     )
     gap_m: float = setting(
-        0.004, "gap under a foot at which its contact weight has fallen to 37 %", GAIT, unit="m"
+        0.004, "gap under a foot at which its contact weight has fallen to 37 %", GAIT
     )
     slip_m_s: float = setting(
         0.2,
         "speed above which a foot slips, where its weight as a standing foot is half its contact "
         "weight; smallest standard deviation of the base's estimated speed",
         GAIT,
-        unit="m/s",
     )
     sole_m_s: float = setting(
-        0.06,
-        "standard deviation of a standing foot's speed (it rolls and yields)",
-        GAIT,
-        unit="m/s",
+        0.06, "standard deviation of a standing foot's speed (it rolls and yields)", GAIT
     )
     sole_m: float = setting(
         0.002,
         "standard deviation of a standing foot's height, of the base's height and of its change "
         "between rows",
         GAIT,
-        unit="m",
     )
     stance_m_s2: float = setting(
-        8.0,
-        "standard deviation of the base's acceleration while feet touch the ground",
-        GAIT,
-        unit="m/s²",
+        8.0, "standard deviation of the base's acceleration while feet touch the ground", GAIT
     )
     felt_m_s2: float = setting(
         2.0,
         "standard deviation of the base's acceleration from its accelerometer's reading, or from "
         "free fall in flight",
-        unit="m/s²",
     )
-    upright_s: float = setting(
-        1.0, "averaging time of the accelerometer, whose mean points up", unit="s"
-    )
+    upright_s: float = setting(1.0, "averaging time of the accelerometer, whose mean points up")
     speed_doubt: float = setting(
         0.05,
         "standard deviation of the base's angular velocity from an IMU; where a speed is a slope "
         "of positions, its RMS change between rows is added",
         unit="rad/s",
     )
-    window_s: float = setting(
-        0.3, "length of a window that starts from an estimated base", GAIT, unit="s"
-    )
+    window_s: float = setting(0.3, "length of a window that starts from an estimated base", GAIT)
     error_rad: float = setting(
-        0.002,
-        "standard deviation of a measured position and of the base's orientation from an IMU",
-        unit="rad",
+        0.002, "standard deviation of a measured position and of the base's orientation from an IMU"
     )
     told_rad: float = setting(
         0.02,
         "smallest reported tilt of the ground, error of a gyro [rad/s] and orientation error of a "
         "pushed window; standard deviation of an orientation without an IMU",
-        unit="rad",
     )
     told_share: float = setting(
         0.1,
@@ -83,7 +67,7 @@ class Ground:
     )
     tilt_most: float = setting(0.15, "largest tilt of the ground that is tried", unit="rad")
     lean_rad_s: float = setting(
-        0.3, "standard deviation and largest RMS of a resting base's angular velocity", unit="rad/s"
+        0.3, "standard deviation and largest RMS of a resting base's angular velocity"
     )
     push_times: float = setting(
         8.0, "smallest orientation error of a pushed window, relative to the median"

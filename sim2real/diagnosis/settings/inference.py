@@ -16,7 +16,7 @@ class Inference:
         5e-4, "smallest assumed noise of a reading, relative to the joint's spread"
     )
     correlations_s: tuple[float, ...] = setting(
-        (0.03, 0.2, 1.2), "correlation times of the discrepancy that are tried", GRID, unit="s"
+        (0.03, 0.2, 1.2), "correlation times of the discrepancy that are tried", GRID
     )
     octaves: int = setting(
         15,
@@ -72,16 +72,13 @@ class Inference:
         1e-9, "term added to a curvature matrix, relative to its diagonal", ROUNDING
     )
     glance_s: float = setting(
-        15.0, "total length of the screened windows, at most half of all windows", COST, unit="s"
+        15.0, "total length of the screened windows, at most half of all windows", COST
     )
     first_s: float = setting(
-        18.0,
-        "total length of the windows that are first tested for mistakes in the log",
-        COST,
-        unit="s",
+        18.0, "total length of the windows that are first tested for mistakes in the log", COST
     )
     coarse_s: float = setting(
-        5e-3, "longest physics time step until the answer is fitted again", COST, unit="s"
+        5e-3, "longest physics time step until the answer is fitted again", COST
     )
     coarse_noises: float = setting(
         20.0,
@@ -182,7 +179,5 @@ class Locating:
     )
     share_min: float = setting(0.2, "smallest reported fraction of the error in a regime")
     edges_hz: tuple[float, ...] = setting(
-        (0.0, 0.5, 2.0, 5.0, 15.0),
-        "edges of the frequency bands in which errors are reported",
-        unit="Hz",
+        (0.0, 0.5, 2.0, 5.0, 15.0), "edges of the frequency bands in which errors are reported"
     )

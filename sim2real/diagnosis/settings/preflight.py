@@ -17,7 +17,7 @@ class Preflight:
         "longer than two intervals by more than that is a gap",
     )
     row_s: tuple[float, float] = setting(
-        (1e-4, 0.5), "range of the median row interval; else `time` is not in s", THOUSAND, unit="s"
+        (1e-4, 0.5), "range of the median row interval; else `time` is not in s", THOUSAND
     )
     sparse: float = setting(
         100.0, "longest episode, relative to its rows times the median interval", THOUSAND
@@ -48,7 +48,7 @@ class Preflight:
     reversals_min: int = setting(4, "reversals needed to distinguish friction, play and dead zones")
     rows_min: int = setting(20, "smallest number of rows from which anything is estimated")
     sigmas: float = setting(4.0, "standard errors above which a deviation is significant")
-    reach_s: float = setting(0.25, "largest delay that is tried", unit="s")
+    reach_s: float = setting(0.25, "largest delay that is tried")
     ratio: tuple[float, float] = setting(
         (0.85, 1.18), "two gains, speeds or errors agree if their ratio is within"
     )
@@ -73,7 +73,6 @@ class Preflight:
         "smallest reported delay of a measured speed, or drift of a clock within an episode; a "
         "jump of the lag is reported from `sigmas` times as much between its ranges",
         "measured: below it logs of the emulator's own speed registers scatter",
-        unit="s",
     )
     computed: float = setting(
         3e-3,
@@ -100,7 +99,6 @@ class Obstruction:
         "time before and after a row for which an obstructed joint is at rest; an obstruction "
         "lasts at least twice as long",
         DEVELOPED,
-        unit="s",
     )
     current: float = setting(
         3.0, "smallest current of an obstructed joint, relative to its usual one", DEVELOPED
