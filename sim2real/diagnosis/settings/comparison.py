@@ -5,26 +5,19 @@ from dataclasses import dataclass
 
 from sim2real.diagnosis.settings.base import setting
 
+WATCHED = (
+    *("coulomb_friction", "viscous_friction", "backlash", "joint_compliance"),
+    *("position_gain", "motor_strength", "supply_voltage", "dead_zone", "command_delay"),
+    *("encoder_offset", "payload", "gravity_tilt"),
+)
+
 
 @dataclass(frozen=True)
 class Compared:
     """When `compare` reports a change of the robot, and what it attributes to other differences."""
 
     watched: tuple[str, ...] = setting(
-        (
-            "coulomb_friction",
-            "viscous_friction",
-            "backlash",
-            "joint_compliance",
-            "position_gain",
-            "motor_strength",
-            "supply_voltage",
-            "dead_zone",
-            "command_delay",
-            "encoder_offset",
-            "payload",
-            "gravity_tilt",
-        ),
+        WATCHED,
         "effects that are tested: wear, play, supply, zeros, load, mounting",
         unit="",
     )
