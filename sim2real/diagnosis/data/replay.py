@@ -1,13 +1,10 @@
-"""How far a log is from its simulation, with nothing fitted.
+"""How far logs are from their simulation, with nothing fitted: what `run=replay` writes.
 
-    python -m sim2real run=replay log=swing.csv model=arm.xml
-    python -m sim2real run=replay log=logs/ effects=effects.yaml
+    gaps = measure_all(logs, specs)
+    write(gaps, Path("outputs/replay"))
 
-The recorded commands go into the model, and the positions that come out are compared with the
-measured ones, each at the moment when it was read (`stamp.<joint>`, where the log has it). The
-time that the robot's bus takes (`command_delay` in the log's metadata) is part of the model.
-`effects` puts known effects into the simulator first: the difference of the two gaps is what they
-explain.
+Positions are compared at the moments when they were read (`stamp.<joint>`, where the log has it).
+The time that the robot's bus takes (`command_delay` in the log's metadata) is part of the model.
 """
 
 import json
@@ -53,7 +50,7 @@ class Gap(NamedTuple):
 
 
 def measure(log: Log, spec: mujoco.MjSpec, fixed: Sequence[Fixed] = ()) -> Gap:
-    """Replay a log's episodes in a model with fixed effects; see the module's text."""
+    """Replay a log's episodes in a model with fixed effects."""
     return measure_all([log], [spec], fixed)[0]
 
 
@@ -81,12 +78,11 @@ def _of_one_model(
     logs: Sequence[Log], spec: mujoco.MjSpec, fixed: Sequence[Fixed]
 ) -> Iterator[Gap]:
     """Yield the gaps of logs that share a model, their episodes side by side."""
-    model = spec.copy().compile()
+    delayed = as_recorded(spec, logs[0])
+    model = delayed.copy().compile()
     for log in logs:
         check_log(log, model)
         refuse_clock(log)
-    delayed = as_recorded(spec, logs[0])
-    model = delayed.copy().compile()
     episodes = [part for log in logs for part in log.episodes()]
     recordings = [to_recording(part, model) for part in episodes]
     paths = trial(delayed, recordings, fixed)
