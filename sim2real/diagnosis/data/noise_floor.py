@@ -67,8 +67,7 @@ def rounding(step: float) -> float:
 def reading_noise(logs: Sequence[Log], column: str, settings: Settings) -> float:
     """Return the noise of one reading of a column, in its unit, root mean square.
 
-    It is what a cubic through neighbouring rows leaves while the joint is slow, and at least what
-    rounding makes. Rows in which a loop hunts count only where there are no others.
+    Rows in which a loop hunts count only where there are no others.
     """
     own = [part for log in logs if column in log.columns for part in log.episodes()]
     episodes = [part for part in own if part.fresh.sum() > ORDER]
