@@ -8,12 +8,13 @@ left out in which the base turns by many times more than the model lets expect, 
 the others, as long as these are few. The report tells when they were.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
 
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.pairs import name_of
 from sim2real.diagnosis.data.recording import episode_rows
 from sim2real.diagnosis.ground.estimate import Estimate
 from sim2real.diagnosis.schema import Finding
@@ -48,23 +49,20 @@ def rows_of(estimate: Estimate, settings: Ground) -> list[tuple[int, int, int]]:
     return found
 
 
-def check_pushes(data: Data, estimates: Sequence[Estimate]) -> list[Finding]:
-    """Return a finding for each log with windows that were left out of the data."""
-    found, settings = [], data.settings.ground
+def check_pushes(data: Data, estimates: Sequence[Estimate]) -> Iterator[Finding]:
+    """Yield a finding for each log with windows that were left out of the data."""
     for number, estimate in enumerate(estimates):
         kept, log = {w.start for w in data.windows if w.log == number}, estimate.log
-        rows = [start for start, _, _ in rows_of(estimate, settings) if start not in kept]
+        every = rows_of(estimate, data.settings.ground)
+        rows = [start for start, _, _ in every if start not in kept]
         times = ", ".join(f"{log.time[row]:.2f}" for row in rows[:SHOWN]) + " s"
         more = f" and {len(rows) - SHOWN} more" if len(rows) > SHOWN else ""
         if rows:
-            found.append(
-                Finding(
-                    "push",
-                    None,
-                    f"{log.path.name if log.path else f'log {number + 1}'}: something moved the "
-                    "base that no other moment shows, in the windows that begin at "
-                    f"{times}{more} (a push, a hit, a hand, a jump of the IMU). They are left out.",
-                    "Look at what happened there; record again if it is more than a moment.",
-                )
+            yield Finding(
+                "push",
+                None,
+                f"{name_of(log, f'log {number + 1}')}: something moved the base that no other "
+                f"moment shows, in the windows that begin at {times}{more} (a push, a hit, a hand, "
+                "a jump of the IMU). They are left out.",
+                "Look at what happened there; record again if it is more than a moment.",
             )
-    return found

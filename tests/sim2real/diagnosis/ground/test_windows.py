@@ -89,7 +89,7 @@ def pushed(size: float) -> tuple[Data, list[Estimate]]:
 def test_a_push_is_told_and_left_out(cut: Cut) -> None:
     """Windows around it, and no others; without one none goes."""
     _, data, estimates = cut
-    assert check_pushes(data, estimates) == []
+    assert list(check_pushes(data, estimates)) == []
     (finding,) = check_pushes(*pushed(1.0))
     moments = [float(part) for part in re.findall(r"\d\.\d\d", finding.finding)]
     assert 0 < len(moments) < 3
