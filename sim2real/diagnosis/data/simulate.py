@@ -4,9 +4,9 @@
     result = simulator.run((make("coulomb_friction", where="elbow"),), windows, values)
     result.error                # (R, T, M): simulated minus measured, in normalized units
 
-Each row R is one window under one set of values. Plants are kept by their structure and size. The
-engine steps many rows with all cores by itself; where effects act between its steps, processes
-share the rows. A row's numbers are the same wherever it is simulated.
+Each row R is one window under one set of values. The engine steps many rows with all cores by
+itself; where effects act between its steps, processes share the rows. A row's numbers are the same
+wherever it is simulated.
 """
 
 from __future__ import annotations

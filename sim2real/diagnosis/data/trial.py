@@ -50,21 +50,22 @@ def choose(logs: Sequence[Log], seconds: float) -> list[Piece]:
     Each shows motions that those before it do not.
     Pieces in which a loop hunts are taken only where there are no others: no replay follows them.
     """
-    cuts: list[tuple[int, int, int]] = []  # number of the log, first and last row
+    cuts = list[Piece]()
     for number, log in enumerate(logs):
         for own in episode_rows(log):
             time = log.time[own]
             ends = np.searchsorted(time, np.arange(time[0], time[-1], seconds) - ROUNDING)
             rows = pairwise([*(own.start + ends).tolist(), own.stop])
-            cuts += [(number, first, last) for first, last in rows if last - first > 2 * NEAR]
+            long = [slice(first, last) for first, last in rows if last - first > 2 * NEAR]
+            cuts += [Piece(number, log, some) for some in long]
     hunts = [is_flagged(log, HUNTING) for log in logs]
-    cuts = [one for one in cuts if not hunts[one[0]][slice(*one[1:])].any()] or cuts
+    cuts = [one for one in cuts if not hunts[one.number][one.rows].any()] or cuts
     names = list(dict.fromkeys(name for log in logs for name in log.actuators))
     stirs = np.zeros((len(cuts), len(names)))
-    for row, (number, first, last) in zip(stirs, cuts, strict=True):
+    for row, one in zip(stirs, cuts, strict=True):
         for place, name in enumerate(names):
-            if name in logs[number].actuators:
-                row[place] = logs[number].column(f"ctrl.{name}")[first:last].std()
+            if name in one.log.actuators:
+                row[place] = one.column(f"ctrl.{name}").std()
     best = stirs.max(axis=0, initial=0.0)
     shares = stirs[:, best > STIR] / best[best > STIR]
     seen, chosen = np.zeros(shares.shape[1]), []
@@ -74,8 +75,7 @@ def choose(logs: Sequence[Log], seconds: float) -> list[Piece]:
         if chosen and gains[top] < NEWS:
             break
         seen = np.maximum(seen, shares[top])
-        number, first, last = cuts[top]
-        chosen.append(Piece(number, logs[number], slice(first, last)))
+        chosen.append(cuts[top])
     return chosen
 
 
