@@ -118,7 +118,8 @@ def run_diagnosis(
     prepared = prepare(logs, model, fixed, settings, on_progress)
     interface = check_beforehand(prepared.logs, load_policy, settings, actor)
     findings = [*interface.findings, *prepared.findings]
-    about = About(prepared.data, exclude, fixed, rng, on_progress, Work(), prepared.restart)
+    work = Work(on_progress.tick)
+    about = About(prepared.data, exclude, fixed, rng, on_progress, work, prepared.restart)
     found = find_causes(about)
     made, data, floors = found.made, found.data, found.baseline.floors
     if prepared.restart is not None:
@@ -126,7 +127,7 @@ def run_diagnosis(
     numerics = null_test(prepared.logs, prepared.specs, fixed, settings)
     on_progress("telling what was found", TELLING)
     inputs = _inputs(data, found.judgement.judge.fold, model, seed, exclude)
-    inputs["physics steps"] = about.work.steps
+    inputs["physics steps"] = work.steps
     if interface.verdict is not None:
         inputs["policy's interface"] = interface.verdict.replace("_", " ")
     report = replace(

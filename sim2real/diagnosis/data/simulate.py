@@ -65,10 +65,13 @@ class Run(NamedTuple):
 
 
 class Work:
-    """Physics steps and seconds of robot time, of all rows that were simulated."""
+    """Physics steps and seconds of robot time, of all rows that were simulated.
 
-    def __init__(self) -> None:
-        self.seconds, self.steps = 0.0, 0
+    `on_run` is called after each simulation, for the progress.
+    """
+
+    def __init__(self, on_run: Callable[[], None] = lambda: None) -> None:
+        self.seconds, self.steps, self.on_run = 0.0, 0, on_run
 
     def add(self, seconds: float, steps: int) -> None:
         """Count what was simulated."""
@@ -105,7 +108,6 @@ class Simulator:
         data: the windows.
         fixed: effects that are known, and part of the model.
         threads: the number of threads of the physics, and of processes; 0 for all cores.
-        on_run: called after each run, for the progress.
         work: counts what is simulated; None: by itself.
         models: of the data, as what is simulated; None: they are made.
     """
@@ -115,11 +117,10 @@ class Simulator:
         data: Data,
         fixed: Sequence[Fixed] = (),
         threads: int = 0,
-        on_run: Callable[[], None] = lambda: None,
         work: Work | None = None,
         models: Sequence[_Lean] | None = None,
     ) -> None:
-        self.data, self.fixed, self.threads, self.on_run = data, tuple(fixed), threads, on_run
+        self.data, self.fixed, self.threads = data, tuple(fixed), threads
         self.heat = Heat(data, self.paths)
         self.work = Work() if work is None else work
         if models is None:
@@ -136,7 +137,7 @@ class Simulator:
 
     def of(self, data: Data) -> Simulator:
         """Return a simulator of other windows of the same models, effects, cores and work."""
-        return Simulator(data, self.fixed, self.threads, self.on_run, self.work, self._models)
+        return Simulator(data, self.fixed, self.threads, self.work, self._models)
 
     def run(self, effects: Sequence[Effect], windows: np.ndarray, values: np.ndarray) -> Simulated:
         """Simulate rows.
@@ -251,7 +252,7 @@ class Simulator:
         spread = [max(joint.spread, data.settings.preflight.count_min) for joint in data.joints]
         limit = data.settings.simulation.error_max * np.array(spread) / data.scale
         error = np.where(np.isfinite(error), np.clip(error, -limit, limit), limit)
-        self.on_run()
+        self.work.on_run()
         return Simulated(error, np.nan_to_num(slope), motion.lost)
 
 

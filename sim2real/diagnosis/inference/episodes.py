@@ -5,7 +5,7 @@
 Windows start anew from the measured state every few seconds, which hides what runs off slowly.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -19,9 +19,7 @@ from sim2real.diagnosis.inference.replayer import Job, Replayer
 from sim2real.diagnosis.inference.unknowns import cap_directions
 
 
-def follows_episodes(
-    data: Data, fit: Fit, fixed: Sequence[Fixed], work: Work | None, on_run: Callable[[], None]
-) -> bool:
+def follows_episodes(data: Data, fit: Fit, fixed: Sequence[Fixed], work: Work | None) -> bool:
     """Return whether whole episodes follow a fit rather than joints that stay.
 
     Args:
@@ -29,11 +27,10 @@ def follows_episodes(
         fit: the explanation; the model as given passes.
         fixed: effects that are in the model.
         work: counts what is simulated.
-        on_run: called after each simulation.
     """
     if not fit.hypothesis.members:
         return True
-    replayer = Replayer(data.with_windows(cut_whole_episodes(data)), fixed, work, on_run)
+    replayer = Replayer(data.with_windows(cut_whole_episodes(data)), fixed, work)
     values = np.tile(fit.mean, (len(replayer.every), 1))
     (made,) = replayer.replay([Job(fit.hypothesis, values, replayer.every)])
     quick = replayer.coarsen(replayer.every)

@@ -95,7 +95,7 @@ class Judge:
         fixed: effects that are known.
         rng: for the bootstrap.
         work: counts what is simulated.
-        moving: receives what is being tried, and each simulation.
+        moving: receives what is being tried.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class Judge:
     ) -> None:
         self.data, self.settings = data, data.settings.inference
         self.moving = Moving(lambda text, share: None) if moving is None else moving
-        self._rest = tuple(fixed), work, self.moving.tick
+        self._rest = tuple(fixed), work
         self.replayer = Replayer(data, *self._rest)
         self.fold = deal_folds(data.windows)
         self.bootstrap = Bootstrap(data.windows, rng or np.random.default_rng(0), self.settings)

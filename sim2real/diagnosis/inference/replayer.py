@@ -11,7 +11,7 @@ known: else shrinking the readings would make any model right.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
@@ -83,17 +83,10 @@ class Replayer:
         data: the windows.
         fixed: effects that are known, and part of the model.
         work: counts what is simulated; None: by itself.
-        on_run: called after each simulation, for the progress.
     """
 
-    def __init__(
-        self,
-        data: Data,
-        fixed: Sequence[Fixed] = (),
-        work: Work | None = None,
-        on_run: Callable[[], None] = lambda: None,
-    ) -> None:
-        self.data, self.fixed, self.on_run = replace(data, starts=None), tuple(fixed), on_run
+    def __init__(self, data: Data, fixed: Sequence[Fixed] = (), work: Work | None = None) -> None:
+        self.data, self.fixed = replace(data, starts=None), tuple(fixed)
         self.work = Work() if work is None else work
         self.settings = data.settings.inference
         self.rows, self.used = _spread(data.mask, self.settings.rows_max)  # (W, N) each
@@ -111,7 +104,7 @@ class Replayer:
         self.estimated = np.zeros((*self.offset.shape, 0))  # (W, N, M, D) of starts
         if data.starts is not None:
             self.estimated = self._look(data.starts, self.every)
-        self.plain = Simulator(self.data, self.fixed, on_run=on_run, work=self.work)
+        self.plain = Simulator(self.data, self.fixed, work=self.work)
         self._mended: dict[Key, _Mended] = {}
 
     def part(self, windows: np.ndarray, data: Data | None = None) -> Replayer:
@@ -122,7 +115,7 @@ class Replayer:
             data: all windows with other models of the same robot; None: as they are here.
         """
         own = (self.data if data is None else data).only(windows)
-        other = Replayer(own, self.fixed, self.work, self.on_run)
+        other = Replayer(own, self.fixed, self.work)
         other.rows, other.used = self.rows[windows], self.used[windows]
         other.times, other.noise, other.count = self.times[windows], self.noise, self.count
         other.offset = self.offset[windows]

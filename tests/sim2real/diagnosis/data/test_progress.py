@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from sim2real.diagnosis.data.progress import Moving
-from sim2real.diagnosis.data.simulate import Simulator
+from sim2real.diagnosis.data.simulate import Simulator, Work
 from sim2real.diagnosis.data.together import together
 from tests.sim2real.diagnosis import arm
 
@@ -33,7 +33,7 @@ def test_each_run_of_a_simulator_is_told_here_alone(tmp_path: Path) -> None:
     told: list[float] = []
     moving = Moving(lambda text, share: told.append(share))
     data = arm.data_of(arm.make_log(("coulomb_friction", {"where": "a"}, 0.1)), tmp_path)
-    simulator = Simulator(data, threads=2, on_run=moving.tick)
+    simulator = Simulator(data, threads=2, work=Work(moving.tick))
 
     def run() -> int:
         simulator.run((), np.zeros(1, int), np.zeros((1, 0)))
