@@ -33,6 +33,7 @@ class Axis:
     start: float = 0.0  # a coordinate
     end: float = 1.0
     factor: float = 1.0  # of the numbers on it, over the values
+    logarithmic = False
 
     def __call__(self, values: np.ndarray | float) -> np.ndarray:
         """Return coordinates."""
@@ -59,6 +60,8 @@ class Axis:
 
 class Log(Axis):
     """A logarithmic axis of positive values; what is smaller is drawn at its start."""
+
+    logarithmic = True
 
     def _share(self, numbers: np.ndarray) -> np.ndarray:
         return np.log(np.maximum(numbers, self.low) / self.low) / math.log(self.high / self.low)

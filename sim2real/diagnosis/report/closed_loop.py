@@ -1,6 +1,6 @@
 """The section of a report about the policy in both simulators: tracks of distances and returns.
 
-    view(report)["tables"][0]["rows"]   # [{"label", "kind", "picture", "value", "ci"}]
+    view(report)["tables"][0]["rows"]   # [(label, class of colours, estimate)]
 
 Distances of one measure share a scale; the grey zone is the robot's distance from itself.
 """
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from sim2real.diagnosis.report import axes, svg
+from sim2real.diagnosis.report import axes
 from sim2real.diagnosis.schema import ClosedLoop, Estimate, Report
 from sim2real.diagnosis.settings import TINY
 
@@ -50,7 +50,6 @@ def view(report: Report) -> dict[str, Any] | None:
         "sentence": words(loop),
         "tables": tables,
         "policy": Path(loop.policy).name,
-        "channels": ", ".join(loop.channels),
         "loop": loop,
     }
 
@@ -71,10 +70,6 @@ def _table(
     scale = axes.Axis(low - room, high + room)
     if floor is not None:
         scale = axes.Axis(0.0, high * axes.SPARE)
-    labels, rows = ("robot" if floor is None else "robot, its other half", *WORLDS), []
-    for label, kind, one in zip(labels, KINDS, known, strict=False):
-        value, *ends = (f"{v:.3g}".replace("-", "−") for v in (one.value, *one.ci))
-        picture = svg.track(one.ci, [(one.value, kind)], floor, scale)
-        about = {"label": label, "kind": kind, "picture": picture}
-        rows.append(about | {"value": value, "ci": " to ".join(ends)})
-    return {"title": title, "rows": rows, "scale": svg.numbers(scale)}
+    labels = ("robot" if floor is None else "robot, its other half", *WORLDS)
+    rows = list(zip(labels, KINDS, known, strict=False))
+    return {"title": title, "rows": rows, "scale": scale, "floor": floor}

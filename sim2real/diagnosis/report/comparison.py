@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from sim2real.diagnosis.report import axes, html, provenance, svg, text
+from sim2real.diagnosis.report import axes, html, provenance, text
 from sim2real.diagnosis.schema import Cause, Report
 from sim2real.runs.errors import Sim2RealError
 
@@ -48,40 +48,23 @@ def view(earlier: Report, later: Report) -> dict[str, Any]:
         {(c.effect, c.extra.get("body") or c.where, c.side): c for c in one.values} for one in pair
     ]
     causes = [_row(key, [one.get(key) for one in both]) for key in both[0] | both[1]]
+    joints = [{where.joint: where for where in one.where} for one in pair]
     return {
         "pair": pair,
         "names": [", ".join(provenance.names(one.evidence.inputs)) for one in pair],
         "badges": [text.SUBTITLES[one.verdict] for one in pair],
-        "gaps": [_gap(one, earlier.gap.before) for one in pair],
         "causes": causes,
         "summary": _summary(causes),
-        "joints": _joints(pair),
-    }
-
-
-def _gap(report: Report, like: float) -> dict[str, str]:
-    gap = report.gap
-    return {
-        "gap of the model as given": text.quantity(gap.before, gap.unit, like),
-        "with the causes": text.quantity(gap.after, gap.unit, like),
-        "closed": text.percent(gap.closed),
-        "noise floor": text.quantity(gap.noise_floor, gap.unit, like),
+        "joints": {name: [one.get(name) for one in joints] for name in joints[0] | joints[1]},
     }
 
 
 def _row(key: Key, found: Sequence[Cause | None]) -> dict[str, Any]:
     """Return the row of an effect to which one diagnosis or both give a value."""
     known = [cause for cause in found if cause is not None]
-    unit, like = known[0].unit, known[0].value
     ends = [value for cause in known for value in (cause.value, *cause.value_ci)]
-    scale = axes.inset(min(ends), max(ends))
-    cells = [{"value": "not found", "ci": "", "picture": ""} for _ in found]
-    for cell, cause, kind in zip(cells, found, ("step", "after"), strict=True):
-        if cause is not None:
-            cell["value"] = text.quantity(cause.value, unit, like)
-            cell["ci"] = text.interval(cause.value_ci, unit, like)
-            cell["picture"] = svg.track(cause.value_ci, [(cause.value, kind)], None, scale, ())
-    return {"name": text.format_effect(*key), "cells": cells, "verdict": _verdict(*found)}
+    about = {"name": text.format_effect(*key), "found": found, "verdict": _verdict(*found)}
+    return {**about, "like": known[0], "scale": axes.inset(min(ends), max(ends))}
 
 
 def _verdict(first: Cause | None, second: Cause | None) -> str:
@@ -100,16 +83,3 @@ def _summary(causes: Sequence[dict[str, Any]]) -> str:
     parts = [f"{words}: {', '.join(names[kind])}" for kind, words in said.items() if names[kind]]
     whole = "; ".join(parts) or "both find the same, within their intervals"
     return whole[0].upper() + whole[1:] + "."
-
-
-def _joints(pair: Sequence[Report]) -> list[dict[str, Any]]:
-    """Return each joint's gap and share in both."""
-    both = [{where.joint: where for where in one.where} for one in pair]
-    unit = pair[0].gap.unit if pair[0].gap.unit != "spread" else ""
-    rows = []
-    for joint in both[0] | both[1]:
-        known = [one.get(joint) for one in both]
-        gaps = [text.quantity(where and where.before, unit) for where in known]
-        shares = [text.percent(where and where.share) for where in known]
-        rows.append({"joint": joint, "gaps": gaps, "shares": shares})
-    return rows

@@ -64,8 +64,9 @@ def page(name: str) -> jinja2.Template:
     def part(name: str) -> Markup:
         return Markup((PAGE / name).read_text(encoding="utf-8"))
 
-    filters = (text.quantity, text.percent, text.interval, text.degrees)
-    return template(PAGE / name, *filters, text.verdict_sentence, text.details, part)
+    words = (text.quantity, text.percent, text.interval, text.degrees, text.label)
+    words += (text.format_effect, text.format_cause, text.verdict_sentence, text.details)
+    return template(PAGE / name, *words, provenance.number, svg.track, svg.numbers, part)
 
 
 def framed(report: Report) -> str:
@@ -109,13 +110,10 @@ def view(report: Report) -> dict[str, Any]:
         "data": _embedded(browsed),
         "recordings": found,
         "total": total,
-        "singles": charts.singles(report),
+        "numbers": {(c.effect, c.where, c.side): n for n, c in enumerate(report.values, 1)},
         "shown": SHOWN,
-        "correlations": charts.correlations(report),
         "bands": charts.bands(report, _units(report)),
-        "links": provenance.link_rows(evidence.inputs),
         "inputs": provenance.flat(evidence.inputs),
-        "settings": [provenance.setting(row) for row in evidence.settings],
         "numerics": text.numerics(report.numerics),
         "command": provenance.command(evidence.inputs),
         "replayed": " ".join(provenance.sources(evidence.inputs)),
@@ -185,7 +183,7 @@ def _shaded(share: float | None) -> dict[str, Any]:
 def _cause(number: int, cause: Cause) -> dict[str, Any]:
     """Return a cause with what its effect looks like and where it comes from."""
     effect = EFFECTS.get(cause.effect)
-    title = text.format_effect(*text.place_of(cause), cause.side)
+    title = text.format_cause(cause)
     usual = {e.name: e.default for e in effect.extras} if effect else {}
     extra = {k: v for k, v in cause.extra.items() if k != "body" and v != usual.get(k)}
     alike = [

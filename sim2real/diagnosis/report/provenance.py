@@ -1,7 +1,7 @@
 """What a report says of how it was made: its inputs, its settings, the command that repeats it.
 
 inputs["link"] = links(logs)            # of the logs whose metadata tell it, by `hardware/link.py`
-link_rows(inputs)                       # a row for each servo of each of them
+command(inputs)                         # python -m sim2real run=diagnose log=... model=...
 """
 
 import os
@@ -10,12 +10,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from hardware.link import PERCENTILES
 from hardware.log import Log
 from sim2real.diagnosis.data.pairs import name_of
-from sim2real.diagnosis.settings import Row
 
-MILLI = 1e-3
 HASH, HASHES = 12, 3  # digits of a hash next to the verdict, and how many hashes are shown
 
 
@@ -24,18 +21,6 @@ def number(value: Any) -> str:
     if isinstance(value, list | tuple):
         return ", ".join(map(number, value))
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def setting(row: Row) -> dict[str, str]:
-    """Return a setting as the table shows it: words for names, no unit where there is none."""
-    return {
-        "stage": row.stage.replace("_", " "),
-        "name": row.name.replace("_", " "),
-        "value": number(row.value),
-        "unit": "" if row.unit == "1" else row.unit,
-        "meaning": row.meaning,
-        "origin": row.origin,
-    }
 
 
 def header(inputs: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -76,23 +61,6 @@ def links(logs: Iterable[Log]) -> dict[str, Mapping[str, Any]]:
         for number, log in enumerate(logs, 1)
         if "link" in log.meta
     }
-
-
-def link_rows(inputs: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the rows of the link's table: one for each servo; times in milliseconds."""
-    rows = []
-    for name, quality in inputs.get("link", {}).items():
-        period = quality["period"]
-        times = [f"{period[f'p{p}'] / MILLI:.1f}" if period else "–" for p in PERCENTILES]
-        score = quality.get("score")
-        common = {
-            "log": Path(name).name,
-            "periods": times,
-            "overruns": quality["overruns"],
-            "score": "–" if score is None else f"{score['score']:.2f}",
-        }
-        rows += [common | {"servo": servo, **counts} for servo, counts in quality["servos"].items()]
-    return rows
 
 
 def names(inputs: Mapping[str, Any]) -> list[str]:

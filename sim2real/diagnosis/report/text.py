@@ -83,6 +83,11 @@ def format_effect(effect: str, where: str | None, side: str | None = None) -> st
     return effect_display_name(effect) + place + (f" ({side} side)" if side else "")
 
 
+def format_cause(cause: Cause) -> str:
+    """Return a cause's effect, place and side in words."""
+    return format_effect(*place_of(cause), cause.side)
+
+
 def effect_display_name(effect: str) -> str:
     """Return an effect's standard name in words, its own where it is known here."""
     return EFFECTS[effect].in_words() if effect in EFFECTS else effect.replace("_", " ")
