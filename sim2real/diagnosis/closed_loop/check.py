@@ -35,17 +35,11 @@ ENDS = (5.0, 95.0)  # percentiles of a 90 % interval
 
 
 class Drawn(NamedTuple):
-    """An effect, its values, and the interval from which the first one is drawn, if there is one.
-
-    Args:
-        effect: the effect.
-        values: of its parameters.
-        ci: the 90 % interval of the first.
-    """
+    """An effect, and the values of its parameters in a simulator."""
 
     effect: Effect
     values: tuple[float, ...]
-    ci: tuple[float, float] | None
+    ci: tuple[float, float] | None  # 90 % interval from which the first is drawn; None: it is not
 
 
 class Player(Protocol):

@@ -26,17 +26,11 @@ QUATERNION = ("w", *AXES)
 
 
 class Episode(NamedTuple):
-    """One episode of a policy, on the robot or in a simulator.
+    """One episode of a policy, on the robot or in a simulator."""
 
-    Args:
-        columns: encoders and IMU, named as in a log, (T,) each.
-        step: seconds from row to row, in the median.
-        returned: what the task paid; None where it is not known.
-    """
-
-    columns: Mapping[str, np.ndarray]
-    step: float
-    returned: float | None
+    columns: Mapping[str, np.ndarray]  # encoders and IMU, named as in a log, (T,) each
+    step: float  # seconds from row to row, in the median
+    returned: float | None  # what the task paid; None where it is not known
 
 
 def episodes_of(logs: Sequence[Log]) -> list[Episode]:

@@ -41,49 +41,31 @@ class Change:
     """How much an effect changed.
 
     Attributes:
-        effect: its standard name.
-        where: its place; None for the whole robot.
-        side: of the servo's encoder, for play and springs.
-        change: after less before, in `unit`; of a factor by what share it is larger.
         interval: of the change; all intervals of an answer hold together with 98 %.
-        unit: SI; "" for a factor.
-        p: probability of so large a change of any effect by chance.
-        alike: effects whose change the logs cannot tell from this one.
-        limit: what the change may be; None where none was given.
-        source: "motion", or "measured" where a sensor says it.
-        body: of a body effect, whose `where` is the joint that moves it.
     """
 
-    effect: str
-    where: str | None
-    side: str | None
-    change: float
+    effect: str  # its standard name
+    where: str | None  # its place; None for the whole robot
+    side: str | None  # of the servo's encoder, for play and springs
+    change: float  # after less before, in `unit`; of a factor by what share it is larger
     interval: tuple[float, float]
-    unit: str
-    p: float
-    alike: tuple[Alike, ...] = ()
-    limit: float | None = None
-    source: str = "motion"
-    body: str | None = None
+    unit: str  # SI; "" for a factor
+    p: float  # probability of so large a change of any effect by chance
+    alike: tuple[Alike, ...] = ()  # effects whose change the logs cannot tell from this one
+    limit: float | None = None  # what the change may be; None where none was given
+    source: str = "motion"  # "motion", or "measured" where a sensor says it
+    body: str | None = None  # of a body effect, whose `where` is the joint that moves it
 
 
 @dataclass(frozen=True)
 class Confounder:
-    """Something else that may differ between the two sides.
+    """Something else that may differ between the two sides."""
 
-    Attributes:
-        name: "temperature", "supply voltage" or "mounting".
-        before: its median before, in `unit`; None where it is not known.
-        after: its median after.
-        unit: of both.
-        text: what was made of it.
-    """
-
-    name: str
-    before: float | None
-    after: float | None
-    unit: str
-    text: str
+    name: str  # "temperature", "supply voltage" or "mounting"
+    before: float | None  # its median before, in `unit`; None where it is not known
+    after: float | None  # its median after
+    unit: str  # of both
+    text: str  # what was made of it
 
 
 @dataclass(frozen=True)
@@ -91,28 +73,19 @@ class Comparison:
     """Answer to whether a robot has changed.
 
     Attributes:
-        verdict: "unchanged", "changed" or "cannot_tell".
-        reason: why, in a sentence.
-        changes: what changed, the clearest first.
-        tolerated: what changed within its limit.
-        watched: the change of every effect that was tested.
-        shared: effects that both sides have in addition to the model's.
-        confounders: other differences between the sessions.
-        untold: effects that these logs cannot show, and why.
         numbers: pieces, whether they are differences of the same motions, RMS before and after.
-        inputs: logs, model, seed.
     """
 
-    verdict: Verdict
-    reason: str
-    changes: tuple[Change, ...]
-    tolerated: tuple[Change, ...]
-    watched: tuple[Change, ...]
-    shared: tuple[Value, ...]
-    confounders: tuple[Confounder, ...]
-    untold: tuple[tuple[str, str], ...]
+    verdict: Verdict  # "unchanged", "changed" or "cannot_tell"
+    reason: str  # why, in a sentence
+    changes: tuple[Change, ...]  # what changed, the clearest first
+    tolerated: tuple[Change, ...]  # what changed within its limit
+    watched: tuple[Change, ...]  # the change of every effect that was tested
+    shared: tuple[Value, ...]  # effects that both sides have in addition to the model's
+    confounders: tuple[Confounder, ...]  # other differences between the sessions
+    untold: tuple[tuple[str, str], ...]  # effects that these logs cannot show, and why
     numbers: Mapping[str, Any]
-    inputs: Mapping[str, Any]
+    inputs: Mapping[str, Any]  # logs, model, seed
 
     @property
     def exit_status(self) -> int:
@@ -130,15 +103,10 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Fleet:
-    """Several robots of one kind, each compared with all others.
+    """Several robots of one kind, each compared with all others."""
 
-    Attributes:
-        units: what was found of each, by its name.
-        mean: effects that all have in addition to the model's.
-    """
-
-    units: Mapping[str, Comparison]
-    mean: tuple[Value, ...]
+    units: Mapping[str, Comparison]  # what was found of each, by its name
+    mean: tuple[Value, ...]  # effects that all have in addition to the model's
 
     @property
     def verdict(self) -> Verdict:

@@ -45,28 +45,19 @@ class Finding:
     """One fault of the interface.
 
     Attributes:
-        stage: where it is: "observation", "policy", "action", "gains" or "clock".
-        fault: its kind, such as "permutation"; "unexplained" where nothing known explains it.
-        where: the term, and the elements if they are not all.
-        text: what is wrong.
-        fix: what to do, in one line.
-        before: misfit of the contract as described, of the spread of what is compared.
-        after: the misfit with this and the other faults of the same place.
         sure: share of resampled rows in which the faults explain enough; None where not resampled.
-        value: what was fitted or counted, such as an age in steps.
-        among: other explanations that the log cannot tell from this one.
     """
 
-    stage: str
-    fault: str
-    where: str
-    text: str
-    fix: str
-    before: float
-    after: float
+    stage: str  # where it is: "observation", "policy", "action", "gains" or "clock"
+    fault: str  # its kind, such as "permutation"; "unexplained" where nothing known explains it
+    where: str  # the term, and the elements if they are not all
+    text: str  # what is wrong
+    fix: str  # what to do, in one line
+    before: float  # misfit of the contract as described, of the spread of what is compared
+    after: float  # the misfit with this and the other faults of the same place
     sure: float | None = None
-    value: float | None = None
-    among: tuple[Fault, ...] = ()
+    value: float | None = None  # what was fitted or counted, such as an age in steps
+    among: tuple[Fault, ...] = ()  # other explanations that the log cannot tell from this one
 
 
 @dataclass(frozen=True)
@@ -79,21 +70,13 @@ class Open:
 
 @dataclass(frozen=True)
 class Answer:
-    """Whether a policy saw and did what it was trained on.
+    """Whether a policy saw and did what it was trained on."""
 
-    Attributes:
-        verdict: "holds", "broken", or "cannot_tell" where nothing could be compared.
-        findings: the faults, in the order in which data pass them.
-        cannot_tell: what the log does not show.
-        checked: what was compared, and the misfit that is left, by place.
-        inputs: logs, policy and description.
-    """
-
-    verdict: Verdict
-    findings: tuple[Finding, ...]
-    cannot_tell: tuple[Open, ...]
-    checked: dict[str, float]
-    inputs: dict[str, Any]
+    verdict: Verdict  # "holds", "broken", or "cannot_tell" where nothing could be compared
+    findings: tuple[Finding, ...]  # the faults, in the order in which data pass them
+    cannot_tell: tuple[Open, ...]  # what the log does not show
+    checked: dict[str, float]  # what was compared, and the misfit that is left, by place
+    inputs: dict[str, Any]  # logs, policy and description
 
     @property
     def exit_status(self) -> int:

@@ -49,14 +49,12 @@ class History:
     """How earlier observations stand in the vector.
 
     Attributes:
-        length: H, frames; 1 for the newest alone.
         layout: "frame" (whole observations one after the other) or "term" (each term's frames).
-        order: whether the oldest or the newest frame comes first.
     """
 
-    length: int = 1
+    length: int = 1  # H, frames; 1 for the newest alone
     layout: Layout = "frame"
-    order: Order = "oldest_first"
+    order: Order = "oldest_first"  # whether the oldest or the newest frame comes first
 
 
 @dataclass(frozen=True)
@@ -64,20 +62,16 @@ class ActionLaw:
     """What becomes of an action.
 
     Attributes:
-        size: A.
         law: "joint_position" (ctrl = offset + scale action) or "logged_goal" (ctrl is the logged
             `action.<actuator>`, which the task itself made of the action).
-        scale: [rad] per 1, (A,).
-        offset: added [rad], (A,): the default pose, or zeros.
-        clip: largest size of an action; inf for none.
         kp, kd: gains that were trained with [N·m/rad, N·m·s/rad], (A,); None where not said.
     """
 
-    size: int
+    size: int  # A
     law: Law
-    scale: np.ndarray
-    offset: np.ndarray
-    clip: float
+    scale: np.ndarray  # [rad] per 1, (A,)
+    offset: np.ndarray  # added [rad], (A,): the default pose, or zeros
+    clip: float  # largest size of an action; inf for none
     kp: np.ndarray | None
     kd: np.ndarray | None
 
@@ -87,29 +81,20 @@ class Description:
     """What a policy was trained to see and do.
 
     Attributes:
-        name: of the description, for the report.
-        joints: J names in the policy's order.
-        actuators: their actuators, (J,).
-        rate: control steps a second.
-        default_pose: [rad], (J,).
-        terms: of one frame, in order.
-        history: how frames are stacked.
-        clip: largest size of a scaled number; inf for none.
         normalizer: mean and std of the whole vector, (2, size), taken off *before* it is logged;
             None if there is none or the actor holds it.
-        action: what becomes of an action.
     """
 
-    name: str
-    joints: tuple[str, ...]
-    actuators: tuple[str, ...]
-    rate: float
-    default_pose: np.ndarray
-    terms: tuple[Term, ...]
-    history: History
-    clip: float
+    name: str  # of the description, for the report
+    joints: tuple[str, ...]  # J names in the policy's order
+    actuators: tuple[str, ...]  # their actuators, (J,)
+    rate: float  # control steps a second
+    default_pose: np.ndarray  # [rad], (J,)
+    terms: tuple[Term, ...]  # of one frame, in order
+    history: History  # how frames are stacked
+    clip: float  # largest size of a scaled number; inf for none
     normalizer: np.ndarray | None
-    action: ActionLaw
+    action: ActionLaw  # what becomes of an action
 
     @property
     def frame_size(self) -> int:

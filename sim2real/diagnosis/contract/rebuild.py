@@ -34,34 +34,23 @@ class Mistake(NamedTuple):
     """What may be wrong with a whole term.
 
     Attributes:
-        fault: its kind, such as "frame".
-        text: what is wrong, after the term's name.
-        fix: one line.
         value: a fitted or counted value, such as the age in steps; None where there is none.
-        price: of the change, in that of one without a fitted value.
     """
 
-    fault: str
-    text: str
-    fix: str
+    fault: str  # its kind, such as "frame"
+    text: str  # what is wrong, after the term's name
+    fix: str  # one line
     value: float | None = None
-    price: float = 1.0
+    price: float = 1.0  # of the change, in that of one without a fitted value
 
 
 class Variant(NamedTuple):
-    """One way in which a term may have been made.
+    """One way in which a term may have been made."""
 
-    Attributes:
-        mistake: what is wrong then; None for the described way.
-        values: (T, k), before scaling.
-        offset: what is added before scaling, (k,).
-        age: steps by which the values are older than the row.
-    """
-
-    mistake: Mistake | None
-    values: np.ndarray
-    offset: np.ndarray
-    age: int = 0
+    mistake: Mistake | None  # what is wrong then; None for the described way
+    values: np.ndarray  # (T, k), before scaling
+    offset: np.ndarray  # what is added before scaling, (k,)
+    age: int = 0  # steps by which the values are older than the row
 
 
 def variants(term: Term, rows: Rows, about: Description) -> list[Variant]:

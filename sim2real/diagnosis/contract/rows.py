@@ -25,17 +25,11 @@ def is_sent(log: Log) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows of all episodes, one after the other.
+    """Rows of all episodes, one after the other."""
 
-    Attributes:
-        columns: those that all logs have, (T,) each.
-        since: how many rows of the same episode lie before each, (T,).
-        place: the logs' names, for errors.
-    """
-
-    columns: Mapping[str, np.ndarray]
-    since: np.ndarray
-    place: str
+    columns: Mapping[str, np.ndarray]  # those that all logs have, (T,) each
+    since: np.ndarray  # how many rows of the same episode lie before each, (T,)
+    place: str  # the logs' names, for errors
 
     @staticmethod
     def of(logs: Sequence[Log]) -> Rows:

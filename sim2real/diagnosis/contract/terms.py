@@ -28,11 +28,10 @@ class Kind(NamedTuple):
     """A kind of term.
 
     Attributes:
-        keys: those that it may have, in addition to `term` and `scale`.
         elements: a name for each number; () where joints, channels, `order` or `size` say them.
     """
 
-    keys: tuple[str, ...]
+    keys: tuple[str, ...]  # those that it may have, in addition to `term` and `scale`
     elements: tuple[str, ...] = ()
 
 
@@ -60,23 +59,16 @@ class Term:
     """One term of an observation.
 
     Attributes:
-        kind: its name, a key of `KINDS`.
-        elements: a name for each of its k numbers; of a joint's term, the joints.
-        scale: what its numbers were multiplied by, (k,).
-        relative: whether a joint's position is taken from the default pose.
-        site: of the IMU; None for the only one in the log.
-        frame: the axes of a gyro or an accelerometer.
-        frequency: of a phase [1/s].
         channels: of a term that is rebuilt from columns, their names; () for one that is not.
     """
 
-    kind: str
-    elements: tuple[str, ...]
-    scale: np.ndarray
-    relative: bool = False
-    site: str | None = None
-    frame: Frame = "body"
-    frequency: float = 0.0
+    kind: str  # its name, a key of `KINDS`
+    elements: tuple[str, ...]  # a name for each of its k numbers; of a joint's term, the joints
+    scale: np.ndarray  # what its numbers were multiplied by, (k,)
+    relative: bool = False  # whether a joint's position is taken from the default pose
+    site: str | None = None  # of the IMU; None for the only one in the log
+    frame: Frame = "body"  # the axes of a gyro or an accelerometer
+    frequency: float = 0.0  # of a phase [1/s]
     channels: tuple[str, ...] = ()
 
     @property

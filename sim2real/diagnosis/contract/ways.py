@@ -18,31 +18,18 @@ DEGREES = 180.0 / np.pi
 
 
 class Target(NamedTuple):
-    """What was logged, and how it should follow from its source.
+    """What was logged, and how it should follow from its source."""
 
-    Attributes:
-        stage: as of a `Finding`.
-        name: of the term.
-        elements: a name for each number.
-        values: logged, (T, k).
-        scale: described factor, (k,).
-        angular: whether degrees are a likely unit.
-        clip: numbers of this size and above were cut, and are left out.
-        flipped: what a sign that is wrong in all numbers is called.
-        resolution: step to which each number is rounded, (k,); 0 for none.
-        apart: where a number is not compared, (T, k).
-    """
-
-    stage: str
-    name: str
-    elements: Sequence[str]
-    values: np.ndarray
-    scale: np.ndarray
-    angular: bool
-    clip: float = np.inf
-    flipped: str = "sign"
-    resolution: np.ndarray | float = 0.0
-    apart: np.ndarray | bool = False
+    stage: str  # as of a `Finding`
+    name: str  # of the term
+    elements: Sequence[str]  # a name for each number
+    values: np.ndarray  # logged, (T, k)
+    scale: np.ndarray  # described factor, (k,)
+    angular: bool  # whether degrees are a likely unit
+    clip: float = np.inf  # numbers of this size and above were cut, and are left out
+    flipped: str = "sign"  # what a sign that is wrong in all numbers is called
+    resolution: np.ndarray | float = 0.0  # step to which each number is rounded, (k,); 0 for none
+    apart: np.ndarray | bool = False  # where a number is not compared, (T, k)
 
     def place(self, elements: Sequence[str]) -> str:
         """Return the term, and the elements if they are not all."""

@@ -41,17 +41,13 @@ class Asked(NamedTuple):
     """What motions are simulated with.
 
     Args:
-        spec: the model.
-        noise: of one reading by column of the state, {column of qpos: rad or m}.
-        past: recordings that the explanations follow already.
-        fixed: effects that the robot has in any case.
         changed: the model in new motions, where something is changed for them; None: as it was.
     """
 
     spec: mujoco.MjSpec
-    noise: dict[int, float]
-    past: tuple[Recording, ...] = ()
-    fixed: tuple[Fixed, ...] = ()
+    noise: dict[int, float]  # of one reading by column of the state, {column of qpos: rad or m}
+    past: tuple[Recording, ...] = ()  # recordings that the explanations follow already
+    fixed: tuple[Fixed, ...] = ()  # effects that the robot has in any case
     changed: mujoco.MjSpec | None = None
 
 

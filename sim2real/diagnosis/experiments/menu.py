@@ -34,23 +34,16 @@ class Item(NamedTuple):
     """A motion of the menu.
 
     Args:
-        name: what it is, as a person says it.
-        motions: kinds of `hardware.excite`.
-        seconds: of the motion.
-        size: part of the way to the nearer limit that it goes.
-        seed: of its phases and poses.
-        by_hand: what to change first; None for nothing.
-        change: the same, done to a model.
         override: the same for the command line of `record`; None where a hand has to do it.
     """
 
-    name: str
-    motions: tuple[Kind, ...]
-    seconds: float = DEFAULT.experiment.motion_s
-    size: float = DEFAULT.experiment.size
-    seed: int = 0
-    by_hand: str | None = None
-    change: Callable[[mujoco.MjSpec], None] | None = None
+    name: str  # what it is, as a person says it
+    motions: tuple[Kind, ...]  # kinds of `hardware.excite`
+    seconds: float = DEFAULT.experiment.motion_s  # of the motion
+    size: float = DEFAULT.experiment.size  # part of the way to the nearer limit that it goes
+    seed: int = 0  # of its phases and poses
+    by_hand: str | None = None  # what to change first; None for nothing
+    change: Callable[[mujoco.MjSpec], None] | None = None  # the same, done to a model
     override: Callable[[Robot], str] | None = None
 
     @property

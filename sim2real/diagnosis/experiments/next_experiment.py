@@ -46,20 +46,17 @@ class Experiment:
     """What to record next.
 
     Args:
-        text: the recommendation in words, with the command that records it.
-        item: the motion.
         separation: how far the two most similar members are apart there once they have refitted,
             in noise floors; of those that some motion parts, where there are any.
         most: how far any two members are apart in any motion: below `apart_min`, nothing that was
             looked at parts them.
-        ranking: each motion and its separation, the best one first.
     """
 
-    text: str
+    text: str  # the recommendation in words, with the command that records it
     item: Item
     separation: float
     most: float
-    ranking: tuple[tuple[str, float], ...]
+    ranking: tuple[tuple[str, float], ...]  # each motion and its separation, the best one first
 
 
 def next_experiment(
