@@ -9,7 +9,7 @@ for both and a change. Logs of the same commands are compared row by row, so tha
 cannot follow cancels. Nothing is named that exchanging before and after makes as likely.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -97,12 +97,7 @@ def compare_fleet(
     sides = {f"units.{name}": own for name, own in units.items()}
     asked = _asked(sides, model, effects, watch, limits, remounted, seed, settings)
     members = dict(zip(units, asked.sides.values(), strict=True))
-
-    def against(name: str, kept: Collection[str]) -> Comparison:
-        others = [k for other in kept if other != name for k in members[other]]
-        return _compared(asked, others, members[name], len(units))
-
-    return Fleet(_told_apart(against, list(members)), _values(asked.made.watch))
+    return Fleet(_told_apart(asked, members), _values(asked.made.watch))
 
 
 class _Asked(NamedTuple):
@@ -142,31 +137,27 @@ def _asked(
     return _Asked(prepare(every, model, known, names, settings), parts, limits, inputs)
 
 
-def _told_apart(
-    against: Callable[[str, Collection[str]], Comparison], names: Sequence[str]
-) -> dict[str, Comparison]:
+def _told_apart(asked: _Asked, robots: Mapping[str, range]) -> dict[str, Comparison]:
     """Return what is said of each robot, the odd ones taken out of what it is compared with.
 
     An odd robot makes all others deviate from a mean that it is part of, but less than it does
     itself: the one that is farthest off is named first, and no longer counts. Of two that are left
     and differ, nobody can say which one is odd.
     """
-    kept, odd = list(names), {}
+    kept, said = dict(robots), {}
     while True:
-        said = {name: against(name, kept) for name in kept}
+        for name, own in kept.items():
+            others = [k for other, logs in kept.items() if other != name for k in logs]
+            said[name] = _compared(asked, others, own, len(robots))
         changed = [name for name in kept if said[name].verdict == "changed"]
         if not changed or len(kept) < UNITS_MIN:
             break
         worst = max(changed, key=lambda name: max(said[name].numbers["apart"].values()))
-        odd[worst] = said[worst]
-        kept.remove(worst)
-    if changed:
-        text = "differs from the only other robot that is left: nobody can say which one is odd"
-        said = {
-            name: replace(one, verdict="cannot_tell", reason=text) for name, one in said.items()
-        }
-    every = {**said, **odd}
-    return {name: every[name] for name in names}
+        del kept[worst]
+    text = "differs from the only other robot that is left: nobody can say which one is odd"
+    for name in kept if changed else ():
+        said[name] = replace(said[name], verdict="cannot_tell", reason=text)
+    return said
 
 
 def _compared(

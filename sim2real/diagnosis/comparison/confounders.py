@@ -60,13 +60,9 @@ class Confounded(NamedTuple):
 def confounders(
     made: Prepared, before: Collection[int], after: Collection[int], remounted: bool
 ) -> Confounded:
-    """Look at temperature, supply and mounting.
+    """Look at temperature, supply and mounting of the logs of two sides.
 
-    Args:
-        made: all logs, and what may change.
-        before: the logs of the first side.
-        after: those of the second.
-        remounted: whether the robot may have been mounted anew in between.
+    `remounted` says whether the robot may have been mounted anew in between.
     """
     data, columns = made.data, made.response.columns
     limits = data.settings.compared
@@ -156,7 +152,7 @@ def _median(data: Data, kind: str, side: Collection[int]) -> float | None:
 def excuse(
     first: Pieces, made: Prepared, sides: tuple[Collection[int], Collection[int]], found: Confounded
 ) -> tuple[Pieces, dict[int, float]]:
-    """Return the pieces once the side after is simulated with what is put down to other things.
+    """Simulate the side after with what is put down to other things.
 
     Args:
         first: the pieces of the errors as they are.

@@ -20,7 +20,13 @@ import yaml
 from envs.errors import did_you_mean
 from sim2real.runs.errors import Sim2RealError
 
-KEYS = ("recording", "model", "effects", "remounted", "watch", "limits")
+PATHS = {"recording": "before", "model": "model", "effects": "effects"}  # and their arguments
+PLAIN = {
+    "remounted": (bool, "true or false"),
+    "watch": (list, "a list of effects"),
+    "limits": (dict, "a mapping of effects"),
+}
+KEYS = (*PATHS, *PLAIN)
 
 
 class GuardError(Sim2RealError):
@@ -46,16 +52,12 @@ def read_guard(path: str | Path) -> dict[str, Any]:
             raise GuardError(f"{path}: unknown key {key!r}{hint}; keys are {', '.join(KEYS)}")
     if not content.get("recording"):
         raise GuardError(f"{path}: recording is missing; name the logs of the robot as it was")
-    kinds = {"remounted": (bool, "true or false"), "limits": (dict, "a mapping of effects")}
-    kinds |= {"watch": (list, "a list of effects")}
-    for key, (kind, words) in kinds.items():
-        if content.get(key) is not None and not isinstance(content[key], kind):
-            raise GuardError(f"{path}: {key}={content[key]!r} must be {words}")
-    given = {key: content[key] for key in kinds if content.get(key) is not None}
-    for key, name in (("recording", "before"), ("model", "model"), ("effects", "effects")):
-        if content.get(key) is not None:
-            given[name] = _beside(path, content[key], key)
-    return given
+    given = {key: value for key, value in content.items() if value is not None}
+    for key, (kind, words) in PLAIN.items():
+        if key in given and not isinstance(given[key], kind):
+            raise GuardError(f"{path}: {key}={given[key]!r} must be {words}")
+    places = {PATHS[key]: _beside(path, given.pop(key), key) for key in PATHS if key in given}
+    return given | places
 
 
 def _beside(path: Path, value: Any, key: str) -> str | list[str]:

@@ -89,13 +89,7 @@ class _Fit(NamedTuple):
 
 
 class Permuted:
-    """Permutations of pieces.
-
-    Args:
-        pieces: B of them.
-        rng: for the draws.
-        draws: of them.
-    """
+    """Permutations of B pieces, as many draws of them."""
 
     def __init__(self, pieces: Pieces, rng: np.random.Generator, draws: int) -> None:
         self.pieces, count = pieces, len(pieces.curve)
@@ -109,10 +103,10 @@ class Permuted:
     def of(
         self, columns: Sequence[int], nuisance: Sequence[int], alpha: float, prior: Prior
     ) -> Tests:
-        """Test columns, each together with the same others.
+        """Test n columns, each together with the same others, `nuisance`.
 
         Args:
-            columns: n numbers.
+            columns: their numbers.
             nuisance: those of the others.
             alpha: probability of any false alarm.
             prior: what is known of the others.

@@ -68,16 +68,10 @@ def pairs_of(motions: Motions, before: Collection[int], after: Collection[int]) 
 def contrasts(
     made: Prepared, error: np.ndarray, before: Collection[int], after: Collection[int]
 ) -> Pieces:
-    """Return the pieces of two sides.
+    """Return the pieces of two sides, sets of logs, from the errors of all windows, (W, T, M).
 
     Each is weighted by the noise of what is off in it, and none by more than half of them are: a
     joint that sticks for a while, or an arm that swings freely, must not drown the rest.
-
-    Args:
-        made: the replayed logs, with aligned windows.
-        error: of all windows, (W, T, M).
-        before: the logs of the first side.
-        after: those of the second.
     """
     pairs = pairs_of(made.motions, before, after)
     alone = [((), (k,)) for group in made.motions for k in group if k in {*before, *after}]

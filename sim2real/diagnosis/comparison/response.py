@@ -166,29 +166,18 @@ def errors(simulator: Simulator, watch: Watch, windows: np.ndarray) -> np.ndarra
 
 
 def respond(simulator: Simulator, watch: Watch, windows: np.ndarray) -> Response:
-    """Simulate windows with what both sides have, and with each effect a little larger.
-
-    Args:
-        simulator: of the data, with what is fixed.
-        watch: what may change, and what both sides have.
-        windows: those to look at, (n,).
-    """
+    """Simulate windows (n,) with what both sides have, and with each effect a little larger."""
     probes = list(_probes(watch))
-    sets = [watch, *(probe.watch for probe in probes)]
-    base, *moved = simulate_each(simulator, [one.rows(windows) for one in sets])
+    sets = [watch, *(moved for _, _, moved in probes)]
+    base, *made = simulate_each(simulator, [one.rows(windows) for one in sets])
     change = [
-        (one.error - base.error) / probe.step for one, probe in zip(moved, probes, strict=True)
+        (one.error - base.error) / step for one, (_, step, _) in zip(made, probes, strict=True)
     ]
-    columns = tuple(probe.column for probe in probes)
+    columns = tuple(column for column, _, _ in probes)
     return Response(base.error, base.slope, columns, np.array(change))
 
 
-class _Probe(NamedTuple):
-    """A number that is moved, by how much, and the watch with it."""
-
-    column: Column
-    step: float
-    watch: Watch
+_Probe = tuple[Column, float, Watch]  # a number that is moved, by how much, and the watch with it
 
 
 def _probes(watch: Watch) -> Iterator[_Probe]:
@@ -208,7 +197,7 @@ def _probes(watch: Watch) -> Iterator[_Probe]:
             sizes = np.abs(option.probes - option.neutral)[:, 0]
             probe = option.probes[np.argmin(np.where(sizes > 0, sizes, np.inf))]
             step = float(probe[0] - option.neutral[0])
-            yield _Probe(Column(option, 0), step, watch.having(option, np.array(probe, float)))
+            yield Column(option, 0), step, watch.having(option, np.array(probe, float))
     for option, values in watch.shared.values():
         yield from _nudged(watch, option, values, get_nudges((option,), values))
 
@@ -220,4 +209,4 @@ def _nudged(
     for place in range(len(steps) if option.name in VECTORS else 1):
         point = values.copy()
         point[place] += steps[place]
-        yield _Probe(Column(option, place), float(steps[place]), watch.having(option, point))
+        yield Column(option, place), float(steps[place]), watch.having(option, point)

@@ -25,13 +25,7 @@ SMALL = 1e-6  # of a typical change: a start has to be inside its bounds
 
 
 def share(simulator: Simulator, watch: Watch, windows: np.ndarray) -> Watch:
-    """Return the watch with what both sides have.
-
-    Args:
-        simulator: of all windows.
-        watch: what may change.
-        windows: the first ones of each motion, (n,).
-    """
+    """Return the watch with what both sides have; `windows` (n,) are those of first logs."""
     data, settings = simulator.data, simulator.data.settings
     enough, every = 1 - settings.numerics.change, watch.options
     error = errors(simulator, watch, windows)
