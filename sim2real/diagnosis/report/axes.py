@@ -51,7 +51,9 @@ class Axis:
     def _numbers(self, count: int) -> Iterator[tuple[float, str]]:
         """Yield round numbers; of an axis about 0 one is on each side."""
         even = self.low == -self.high
-        step = _round_step(EVEN * self.high if even else (self.high - self.low) / count)
+        rough = EVEN * self.high if even else (self.high - self.low) / count
+        power = 10.0 ** math.floor(math.log10(rough))
+        step = next(m * power for m in ROUND if m * power >= rough * (1 - TINY))
         digits = max(0, -math.floor(math.log10(step) + TINY))
         first = math.ceil(self.low / step - TINY)
         for k in range(first, math.floor(self.high / step + TINY) + 1):
@@ -110,8 +112,3 @@ def scale_for(values: Sequence[float], floor: float, factor: float = 1.0) -> Axi
 def inset(low: float, high: float) -> Axis:
     """Return an axis for two values, at a margin from the ends of a line."""
     return Axis(low, high, MARGIN, 1 - MARGIN)
-
-
-def _round_step(rough: float) -> float:
-    power = float(ROUND[-1]) ** math.floor(math.log10(rough))
-    return next(m * power for m in ROUND if m * power >= rough * (1 - TINY))

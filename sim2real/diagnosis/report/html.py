@@ -66,7 +66,8 @@ def page(name: str) -> jinja2.Template:
 
     words = (text.quantity, text.percent, text.interval, text.degrees, text.label)
     words += (text.format_effect, text.format_cause, text.verdict_sentence, text.details)
-    return template(PAGE / name, *words, provenance.number, svg.track, svg.numbers, part)
+    pictures = (svg.track, svg.numbers, svg.fill)
+    return template(PAGE / name, *words, provenance.number, *pictures, part)
 
 
 def framed(report: Report) -> str:
@@ -197,8 +198,6 @@ def _cause(number: int, cause: Cause) -> dict[str, Any]:
         "effect": effect,
         "factor": bool(effect and effect.unit == "" and "scale" in effect.hows),
         "picture": _typical(cause, *effect.typical) if effect else "",
-        "closed": svg.fill(cause.closed),
-        "share": text.percent(min(cause.closed, 1.0)),
         "extra": "; ".join(
             f"{k.replace('_', ' ')}: {provenance.number(v)}" for k, v in extra.items()
         ),
