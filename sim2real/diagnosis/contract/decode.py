@@ -40,14 +40,7 @@ TIMED = ("rate", "filter")  # mistakes that are tried at the described age alone
 
 
 def decode(target: Target, ways: Sequence[Variant], rows: Rows, limits: Contract) -> Stage:
-    """Find how a term was made.
-
-    Args:
-        target: the logged numbers.
-        ways: their sources; the first is the described one.
-        rows: the rows of both.
-        limits: when a change is named.
-    """
+    """Find how the logged numbers of a term were made; the first of the ways is as described."""
     stage, search = Stage(), Search(target, rows, limits)
     if not search.seen.any():
         stage.open(f"{target.name}: {', '.join(target.elements)}", FEW)
@@ -145,18 +138,16 @@ class Search:
         wrong = before > limits.suspect
         old, new = (float(np.sqrt(np.mean(m[wrong] ** 2))) for m in (before, after))
         changed, made = faults(target, best), []
-        if not changed or new > min(limits.margin * old, limits.left_max):
-            changed, after = (), before
-        else:
+        if changed and new <= min(limits.margin * old, limits.left_max):
             near = [way for way in every if way.score - best.score < limits.alike]
             near = sorted([*near, *self._reordered(best)], key=lambda way: way.score)
             others = dict.fromkeys(faults(target, way) for way in near)
             sure = self._sure(plain, best, wrong)
-        for one in changed:
-            fault = target.stage, one.fault, one.where, one.text, one.fix
-            rivals = _rivals(one, changed, others)
-            made.append(Finding(*fault, old, new, sure, one.value, rivals))
-        left = float(after.max())
+            for one in changed:
+                fault = target.stage, one.fault, one.where, one.text, one.fix
+                rivals = _rivals(one, changed, others)
+                made.append(Finding(*fault, old, new, sure, one.value, rivals))
+        left = float((after if made else before).max())
         if left > limits.unexplained:
             text = (
                 f"{target.name} differs from what the description makes of the log by {left:.0%} "

@@ -13,7 +13,7 @@ over joints. Nobody knows which explanation is the robot, so of each of the P pa
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import combinations, islice
+from itertools import combinations, compress, islice
 from typing import NamedTuple, TypeVar
 
 import mujoco
@@ -38,17 +38,13 @@ class Member(NamedTuple):
 
 
 class Asked(NamedTuple):
-    """What motions are simulated with.
-
-    Args:
-        changed: the model in new motions, where something is changed for them; None: as it was.
-    """
+    """What motions are simulated with."""
 
     spec: mujoco.MjSpec
     noise: dict[int, float]  # of one reading by column of the state, {column of qpos: rad or m}
     past: tuple[Recording, ...] = ()  # recordings that the explanations follow already
     fixed: tuple[Fixed, ...] = ()  # effects that the robot has in any case
-    changed: mujoco.MjSpec | None = None
+    changed: mujoco.MjSpec | None = None  # the model in new motions; None: as it was
 
 
 def pairs(members: Sequence[T]) -> list[tuple[T, T]]:
@@ -85,18 +81,7 @@ def _worse(members: Sequence[T], left: Callable[[T, T], float]) -> np.ndarray:
 
 
 class _Model:
-    """A member in some motions and in the past.
-
-    Args:
-        member: an explanation.
-        motions: K of them.
-        asked: what they are simulated with.
-
-    Attributes:
-        values: of the effects, in a row, (P,).
-        sizes: by how much each is changed for its sensitivity, (P,).
-        ends: the least and the largest values, (P,) each.
-    """
+    """A member in K motions and in the past."""
 
     def __init__(self, member: Member, motions: Sequence[Recording], asked: Asked) -> None:
         self.fixed, self.motions, self.asked = member.fixed, motions, asked
@@ -104,15 +89,15 @@ class _Model:
         for effect, own in member.fixed:
             parameters = effect.parameters(model)
             away = [abs(v - p.neutral) for v, p in zip(own, parameters, strict=True)]
-            units = [p.unit for p in parameters]
-            for one, unit in zip(away, units, strict=True):
-                alike = [a for a, other in zip(away, units, strict=True) if other == unit]
-                sizes.append(CHANGE * (one or max(alike)))
+            for one, parameter in zip(away, parameters, strict=True):
+                units = [p.unit == parameter.unit for p in parameters]
+                sizes.append(CHANGE * (one or max(compress(away, units))))
             values += own
             low += [p.low for p in parameters]
             high += [p.high for p in parameters]
-        self.values, self.sizes = np.array(values, float), np.array(sizes)
-        self.ends = np.array(low), np.array(high)
+        self.values = np.array(values, float)  # of the effects, in a row, (P,)
+        self.sizes = np.array(sizes)  # by how much each is changed for its sensitivity, (P,)
+        self.ends = np.array(low), np.array(high)  # the least and the largest values, (P,) each
 
     def predicted(self, values: np.ndarray) -> list[np.ndarray]:
         """Return what encoders tell of each motion (T M,), and of the past (S,), in noises."""
