@@ -38,17 +38,13 @@ class Alike:
 
 @dataclass(frozen=True)
 class Change:
-    """How much an effect changed.
-
-    Attributes:
-        interval: of the change; all intervals of an answer hold together with 98 %.
-    """
+    """How much an effect changed."""
 
     effect: str  # its standard name
     where: str | None  # its place; None for the whole robot
     side: str | None  # of the servo's encoder, for play and springs
     change: float  # after less before, in `unit`; of a factor by what share it is larger
-    interval: tuple[float, float]
+    interval: tuple[float, float]  # of the change; all of an answer hold together with 98 %
     unit: str  # SI; "" for a factor
     p: float  # probability of so large a change of any effect by chance
     alike: tuple[Alike, ...] = ()  # effects whose change the logs cannot tell from this one
@@ -70,11 +66,7 @@ class Confounder:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Answer to whether a robot has changed.
-
-    Attributes:
-        numbers: pieces, whether they are differences of the same motions, RMS before and after.
-    """
+    """Answer to whether a robot has changed."""
 
     verdict: Verdict  # "unchanged", "changed" or "cannot_tell"
     reason: str  # why, in a sentence
@@ -84,7 +76,7 @@ class Comparison:
     shared: tuple[Value, ...]  # effects that both sides have in addition to the model's
     confounders: tuple[Confounder, ...]  # other differences between the sessions
     untold: tuple[tuple[str, str], ...]  # effects that these logs cannot show, and why
-    numbers: Mapping[str, Any]
+    numbers: Mapping[str, Any]  # pieces, what they are of, RMS between both sides by joint
     inputs: Mapping[str, Any]  # logs, model, seed
 
     @property

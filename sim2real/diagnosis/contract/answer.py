@@ -42,11 +42,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class Finding:
-    """One fault of the interface.
-
-    Attributes:
-        sure: share of resampled rows in which the faults explain enough; None where not resampled.
-    """
+    """One fault of the interface."""
 
     stage: str  # where it is: "observation", "policy", "action", "gains" or "clock"
     fault: str  # its kind, such as "permutation"; "unexplained" where nothing known explains it
@@ -55,7 +51,7 @@ class Finding:
     fix: str  # what to do, in one line
     before: float  # misfit of the contract as described, of the spread of what is compared
     after: float  # the misfit with this and the other faults of the same place
-    sure: float | None = None
+    sure: float | None = None  # share of resampled rows that faults explain; None: not resampled
     value: float | None = None  # what was fitted or counted, such as an age in steps
     among: tuple[Fault, ...] = ()  # other explanations that the log cannot tell from this one
 

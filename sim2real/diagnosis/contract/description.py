@@ -46,14 +46,10 @@ Offset = Literal["default_pose", "zero"]
 
 @dataclass(frozen=True)
 class History:
-    """How earlier observations stand in the vector.
-
-    Attributes:
-        layout: "frame" (whole observations one after the other) or "term" (each term's frames).
-    """
+    """How earlier observations stand in the vector."""
 
     length: int = 1  # H, frames; 1 for the newest alone
-    layout: Layout = "frame"
+    layout: Layout = "frame"  # whole observations one after the other, or each term's frames
     order: Order = "oldest_first"  # whether the oldest or the newest frame comes first
 
 
@@ -61,10 +57,8 @@ class History:
 class ActionLaw:
     """What becomes of an action.
 
-    Attributes:
-        law: "joint_position" (ctrl = offset + scale action) or "logged_goal" (ctrl is the logged
-            `action.<actuator>`, which the task itself made of the action).
-        kp, kd: gains that were trained with [N·m/rad, N·m·s/rad], (A,); None where not said.
+    Its law is "joint_position" (ctrl = offset + scale action) or "logged_goal" (ctrl is the logged
+    `action.<actuator>`, which the task itself made of the action).
     """
 
     size: int  # A
@@ -72,17 +66,16 @@ class ActionLaw:
     scale: np.ndarray  # [rad] per 1, (A,)
     offset: np.ndarray  # added [rad], (A,): the default pose, or zeros
     clip: float  # largest size of an action; inf for none
-    kp: np.ndarray | None
-    kd: np.ndarray | None
+    kp: np.ndarray | None  # gains that were trained with [N·m/rad], (A,); None where not said
+    kd: np.ndarray | None  # [N·m·s/rad], (A,)
 
 
 @dataclass(frozen=True)
 class Description:
     """What a policy was trained to see and do.
 
-    Attributes:
-        normalizer: mean and std of the whole vector, (2, size), taken off *before* it is logged;
-            None if there is none or the actor holds it.
+    The normalizer is mean and std of the whole vector, (2, size), taken off *before* it is logged;
+    None if there is none or the actor holds it.
     """
 
     name: str  # of the description, for the report

@@ -115,11 +115,8 @@ def check_beforehand(
 ) -> Beforehand:
     """Check the interface of every policy that logs are of; a check that fails is a line.
 
-    Args:
-        logs: those without observations, actions or a named task or policy are left out.
-        load_policy: see `check_logs`.
-        settings: see there.
-        actor: see there.
+    Logs without observations, actions or a named task or policy are left out. The other arguments
+    are those of `check_logs`.
     """
     groups: dict[tuple[str, ...], list[Log]] = {}
     for log in filter(has_policy, logs):

@@ -31,16 +31,12 @@ INVERSE = "turns the wrong way: by the quaternion's inverse"
 
 
 class Mistake(NamedTuple):
-    """What may be wrong with a whole term.
-
-    Attributes:
-        value: a fitted or counted value, such as the age in steps; None where there is none.
-    """
+    """What may be wrong with a whole term."""
 
     fault: str  # its kind, such as "frame"
     text: str  # what is wrong, after the term's name
     fix: str  # one line
-    value: float | None = None
+    value: float | None = None  # fitted or counted, such as an age in steps; None for none
     price: float = 1.0  # of the change, in that of one without a fitted value
 
 

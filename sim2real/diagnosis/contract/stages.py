@@ -131,13 +131,8 @@ def check_policy(
 ) -> None:
     """Compare the logged action with what the policy makes of the logged observation.
 
-    Args:
-        stage: gets what is found.
-        rows: of the logs.
-        about: the description.
-        actor: observations (n, D) to actions (n, A); None if the policy is not there.
-        limits: when a fault is named.
-        normalizer: mean and std (2, D) inside the policy, where it says them.
+    `actor` maps observations (n, D) to actions (n, A), None if the policy is not there; inside it
+    is the `normalizer`, mean and std (2, D), where it says them.
 
     Raises:
         ContractError: see `actions_of`, or a policy of another number of actions.

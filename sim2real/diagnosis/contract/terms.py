@@ -25,14 +25,10 @@ class ContractError(Sim2RealError):
 
 
 class Kind(NamedTuple):
-    """A kind of term.
-
-    Attributes:
-        elements: a name for each number; () where joints, channels, `order` or `size` say them.
-    """
+    """A kind of term."""
 
     keys: tuple[str, ...]  # those that it may have, in addition to `term` and `scale`
-    elements: tuple[str, ...] = ()
+    elements: tuple[str, ...] = ()  # names of its numbers, unless one of the keys says them
 
 
 JOINTS = ("joint_position", "joint_velocity")
@@ -56,11 +52,7 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Term:
-    """One term of an observation.
-
-    Attributes:
-        channels: of a term that is rebuilt from columns, their names; () for one that is not.
-    """
+    """One term of an observation."""
 
     kind: str  # its name, a key of `KINDS`
     elements: tuple[str, ...]  # a name for each of its k numbers; of a joint's term, the joints
@@ -69,7 +61,7 @@ class Term:
     site: str | None = None  # of the IMU; None for the only one in the log
     frame: Frame = "body"  # the axes of a gyro or an accelerometer
     frequency: float = 0.0  # of a phase [1/s]
-    channels: tuple[str, ...] = ()
+    channels: tuple[str, ...] = ()  # columns that it is rebuilt from; () for one that is not
 
     @property
     def size(self) -> int:
@@ -181,19 +173,14 @@ def different(place: str, given: Any, default: Sequence[str]) -> tuple[str, ...]
     return tuple(map(str, given))
 
 
-class Allowed(NamedTuple):
-    """Which numbers a file may hold, in words."""
-
-    words: str
-    test: Callable[[float], bool]
-
-
-FACTOR = Allowed(
-    f"numbers other than 0, up to {SCALE_MAX:g}", lambda value: 0 < abs(value) <= SCALE_MAX
+Allowed = tuple[str, Callable[[float], bool]]  # numbers that a file may hold: words, and a test
+FACTOR: Allowed = (
+    f"numbers other than 0, up to {SCALE_MAX:g}",
+    lambda value: 0 < abs(value) <= SCALE_MAX,
 )
-ANGLE = Allowed("angles [rad] within a turn", lambda value: abs(value) <= TURN)
-FINITE = Allowed("finite numbers", math.isfinite)
-POSITIVE = Allowed("finite numbers above 0", lambda value: 0 < value < math.inf)
+ANGLE: Allowed = ("angles [rad] within a turn", lambda value: abs(value) <= TURN)
+FINITE: Allowed = ("finite numbers", math.isfinite)
+POSITIVE: Allowed = ("finite numbers above 0", lambda value: 0 < value < math.inf)
 
 
 def numbers(place: str, given: Any, size: int, allowed: Allowed = FACTOR) -> np.ndarray:
@@ -202,13 +189,13 @@ def numbers(place: str, given: Any, size: int, allowed: Allowed = FACTOR) -> np.
     Raises:
         ContractError: another count, or a number that is not allowed.
     """
-    values = given if isinstance(given, list) else [given] * size
+    values, (words, test) = given if isinstance(given, list) else [given] * size, allowed
     if len(values) != size:
         raise ContractError(f"{place}: {len(values)} numbers for {size}; give one, or {size}")
     for value in values:
         real = isinstance(value, int | float) and not isinstance(value, bool)
-        if not real or not allowed.test(value):
-            raise ContractError(f"{place}: {value!r} is not allowed; give {allowed.words}")
+        if not real or not test(value):
+            raise ContractError(f"{place}: {value!r} is not allowed; give {words}")
     return np.array(values, float)
 
 

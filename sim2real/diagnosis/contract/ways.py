@@ -73,10 +73,8 @@ SHIFTED, SCALED = (4, 6), 5  # places in `options`
 def poses(way: Variant, ratio: np.ndarray) -> list[Choice]:
     """Return the offsets that a whole term may have, before scaling, the described one first.
 
-    Args:
-        way: the source.
-        ratio: described factor over the one that is tried, (k,): the offset may have been added
-            after it, and is then what it should be.
+    `ratio` is the described factor over the one that is tried, (k,): the offset may have been added
+    after it, and is then what it should be.
     """
     if not np.any(way.offset):
         return [(None, way.offset)]

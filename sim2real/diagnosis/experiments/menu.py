@@ -31,11 +31,7 @@ SEEDS = 2**31  # of drawn motions: fewer than so many
 
 
 class Item(NamedTuple):
-    """A motion of the menu.
-
-    Args:
-        override: the same for the command line of `record`; None where a hand has to do it.
-    """
+    """A motion of the menu."""
 
     name: str  # what it is, as a person says it
     motions: tuple[Kind, ...]  # kinds of `hardware.excite`
@@ -44,7 +40,7 @@ class Item(NamedTuple):
     seed: int = 0  # of its phases and poses
     by_hand: str | None = None  # what to change first; None for nothing
     change: Callable[[mujoco.MjSpec], None] | None = None  # the same, done to a model
-    override: Callable[[Robot], str] | None = None
+    override: Callable[[Robot], str] | None = None  # the same for `record`; None: by hand alone
 
     @property
     def needs_hand(self) -> bool:

@@ -133,12 +133,7 @@ def next_experiment(
 
 
 class _Near:
-    """Which pairs of explanations some motion parts, and what motions are worth for them.
-
-    Args:
-        settings: how far is apart.
-        scores: motions and how far they part each pair, (P,) floors.
-    """
+    """Which pairs of explanations some of the motions part, and what motions are worth for them."""
 
     def __init__(self, settings: Limits, scores: Scores) -> None:
         self.settings = settings

@@ -36,9 +36,7 @@ INDENT = "  "
 def format_verdict(report: Report, coloured: bool = False) -> str:
     """Return a report's verdict as lines of text, the last one ended.
 
-    Args:
-        report: a diagnosis.
-        coloured: whether ANSI escape sequences mark the verdict and the table's head.
+    `coloured` text has ANSI escape sequences that mark the verdict and the table's head.
     """
     bold, colour, reset = (BOLD, COLOURS[report.verdict], RESET) if coloured else ("", "", "")
     verdict = f"{bold}{colour}{SUBTITLES[report.verdict]}{reset}"
