@@ -66,7 +66,7 @@ def page(name: str) -> jinja2.Template:
 
     words = (text.quantity, text.percent, text.interval, text.degrees, text.label)
     words += (text.format_effect, text.format_cause, text.verdict_sentence, text.details)
-    pictures = (svg.track, svg.numbers, svg.fill)
+    pictures = (svg.track, svg.numbers, svg.fill, tint)
     return template(PAGE / name, *words, provenance.number, *pictures, part)
 
 
@@ -155,11 +155,7 @@ def _strip(report: Report) -> dict[str, Any]:
         whole.update(own)
     names, units = [name for name, _ in whole.most_common()], _units(report)
     rows = [
-        {
-            "joint": joint,
-            "unit": units[joint.joint],
-            "cells": [_shaded(joint.share), *(_shaded(own.get(name)) for name in names)],
-        }
+        {"joint": joint, "unit": units[joint.joint], "shares": [joint.share, *map(own.get, names)]}
         for joint, own in zip(report.where, shares, strict=True)
     ]
     return {"regimes": names, "rows": rows}
@@ -173,12 +169,9 @@ def _units(report: Report) -> dict[str, str]:
     return {joint: known.get(joint, common) for joint in joints}
 
 
-def _shaded(share: float | None) -> dict[str, Any]:
-    """Return a share as text and as a tint, never so dark that the text is hard to read."""
-    if share is None:
-        return {"text": "", "tint": 0.0}
-    tint = round(DARKEST * min(max(share, 0.0), 1.0) ** BEND, DIGITS)
-    return {"text": text.percent(share), "tint": tint}
+def tint(share: float | None) -> str:
+    """Return a share's tint, never so dark that text on it is hard to read."""
+    return str(round(DARKEST * min(max(share or 0.0, 0.0), 1.0) ** BEND, DIGITS))
 
 
 def _cause(number: int, cause: Cause) -> dict[str, Any]:
@@ -186,23 +179,13 @@ def _cause(number: int, cause: Cause) -> dict[str, Any]:
     effect = EFFECTS.get(cause.effect)
     title = text.format_cause(cause)
     usual = {e.name: e.default for e in effect.extras} if effect else {}
-    extra = {k: v for k, v in cause.extra.items() if k != "body" and v != usual.get(k)}
-    alike = [
-        [text.format_effect(e.effect, e.where) for e in cause.equivalent if e.inseparable == never]
-        for never in (False, True)
-    ]
     return {
         "number": number,
         "title": title[0].upper() + title[1:],
         "cause": cause,
         "effect": effect,
-        "factor": bool(effect and effect.unit == "" and "scale" in effect.hows),
         "picture": _typical(cause, *effect.typical) if effect else "",
-        "extra": "; ".join(
-            f"{k.replace('_', ' ')}: {provenance.number(v)}" for k, v in extra.items()
-        ),
-        "equivalent": alike[0],
-        "inseparable": alike[1],
+        "extra": {k: v for k, v in cause.extra.items() if k != "body" and v != usual.get(k)},
     }
 
 
