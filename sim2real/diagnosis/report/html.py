@@ -23,7 +23,6 @@ from envs.models import load_spec
 from sim2real.diagnosis.preflight.checks import NOTES
 from sim2real.diagnosis.report import (
     axes,
-    charts,
     closed_loop,
     motion,
     provenance,
@@ -33,6 +32,7 @@ from sim2real.diagnosis.report import (
 )
 from sim2real.diagnosis.report.recordings import recordings
 from sim2real.diagnosis.schema import Cause, Report
+from sim2real.diagnosis.settings import TINY
 from sim2real.runs.files import write_text
 from sim2real.runs.pages import template
 
@@ -100,7 +100,7 @@ def view(report: Report) -> dict[str, Any]:
         "badge": text.SUBTITLES[report.verdict],
         "findings": [f for f in report.preflight if f.check not in NOTES],
         "notes": [f for f in report.preflight if f.check in NOTES],
-        "ladder": charts.ladder(report),
+        "ladder": _ladder(report),
         "replay": _replay(report),
         "robot": robot_drawing.robot(model, {w.joint: w.share for w in report.where}),
         "strip": _strip(report),
@@ -113,13 +113,25 @@ def view(report: Report) -> dict[str, Any]:
         "total": total,
         "numbers": {(c.effect, c.where, c.side): n for n, c in enumerate(report.values, 1)},
         "shown": SHOWN,
-        "bands": charts.bands(report, _units(report)),
+        "bands": _bands(report),
         "inputs": provenance.flat(evidence.inputs),
         "numerics": text.numerics(report.numerics),
         "command": provenance.command(evidence.inputs),
         "replayed": " ".join(provenance.sources(evidence.inputs)),
         "names": ", ".join(provenance.names(evidence.inputs)) or "recordings",
     }
+
+
+def _ladder(report: Report) -> dict[str, Any] | None:
+    """Return the rungs, and the scale of their pictures; None where there are none."""
+    rungs, gap = report.evidence.ladder, report.gap
+    if not rungs:
+        return None
+    kinds = ["before", *["step"] * (len(rungs) - 3), "after"][: len(rungs) - 1]
+    sizes = [size for rung in rungs for size in (rung.gap, *rung.ci)]
+    factor, unit = text.scaling(gap.unit, gap.before)
+    scale = axes.scale_for(sizes, gap.noise_floor, factor)
+    return {"rows": list(zip(rungs, [*kinds, "floor"], strict=True)), "scale": scale, "unit": unit}
 
 
 def _replay(report: Report) -> str:
@@ -159,6 +171,20 @@ def _strip(report: Report) -> dict[str, Any]:
         for joint, own in zip(report.where, shares, strict=True)
     ]
     return {"regimes": names, "rows": rows}
+
+
+def _bands(report: Report) -> list[dict[str, Any]]:
+    """Return the tables of frequencies, one for each of the joints' units, each on one scale."""
+    tables, every, units = [], report.evidence.bands, _units(report)
+    for unit in dict.fromkeys(units[band.joint] for band in every):
+        rows = [band for band in every if units[band.joint] == unit]
+        sizes = [size for band in rows for size in (band.before, band.after, band.floor)]
+        factor, shown = text.scaling(unit, max(sizes))
+        floor = min([band.floor for band in rows if band.floor > 0], default=TINY)
+        scale = axes.scale_for(sizes, floor, factor)
+        about = {"si": unit, "unit": shown, "most": max(sizes)}
+        tables.append({"rows": rows, "scale": scale, **about})
+    return tables
 
 
 def _units(report: Report) -> dict[str, str]:
