@@ -70,11 +70,6 @@ class _Fit(NamedTuple):
     whole: np.ndarray  # (k, k) X'X of all pieces
     size: np.ndarray  # (k,)
 
-    @property
-    def inflation(self) -> float:
-        """Of the value's variance, over that of independent numbers."""
-        return max(self.error**2 / float(self.inverse[0, 0]), 1.0)
-
     def posterior(self, noise: float, prior: Prior) -> tuple[np.ndarray, np.ndarray]:
         """Return the mean (k,) and the covariance (k, k) of the values; both are normal.
 
@@ -159,7 +154,8 @@ def explain(pieces: Pieces, columns: Sequence[int], prior: Prior) -> np.ndarray:
 
 
 def _inflation(fits: Sequence[_Fit]) -> float:
-    return float(np.median([fit.inflation for fit in fits]))
+    """Return the values' variance over that of independent numbers, in the median of the fits."""
+    return float(np.median([max(fit.error**2 / fit.inverse[0, 0], 1.0) for fit in fits]))
 
 
 def _solve(
