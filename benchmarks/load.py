@@ -1,44 +1,32 @@
-"""What else the machine does while a row runs, and what a process keeps in memory; from /proc.
+"""What else the machine does while a row runs, and what a process keeps in memory.
 
     load = ForeignLoad()
     work()
-    load.cores()            # CPU cores that other programs kept busy meanwhile, or None
+    load.cores()            # CPU cores that other programs kept busy meanwhile
 
 A figure that was taken beside another program says little: it is taken again, or read with this
 beside it.
 """
 
-import os
 import time
-from pathlib import Path
 
-PROC = Path("/proc")
-TICKS = os.sysconf("SC_CLK_TCK")  # clock ticks a second, the unit of /proc's times
+import psutil
+
+BUSY = ("user", "nice", "system", "irq", "softirq", "steal")  # kinds of CPU time that is spent
 
 
-def process_tree() -> list[int]:
+def process_tree() -> list[psutil.Process]:
     """Return this process and all its descendants that live."""
-    parents: dict[int, list[int]] = {}
-    for entry in PROC.glob("[0-9]*/stat"):
-        fields = _stat(entry)
-        if fields:
-            parents.setdefault(int(fields[1]), []).append(int(entry.parent.name))
-    tree = [os.getpid()]
-    for pid in tree:
-        tree += parents.get(pid, [])
-    return tree
+    own = psutil.Process()
+    return [own, *own.children(recursive=True)]
 
 
 def own_memory(pids: list[int] | None = None) -> int | None:
-    """Return the bytes that processes (default: this one) share with none; None without /proc."""
-    total = 0
-    for pid in [os.getpid()] if pids is None else pids:
-        try:
-            lines = (PROC / str(pid) / "smaps_rollup").read_text().splitlines()
-        except OSError:
-            return None
-        total += sum(1024 * int(line.split()[1]) for line in lines if line.startswith("Private_"))
-    return total
+    """Return the bytes that processes (default: this one) share with none; None if one is gone."""
+    try:
+        return sum(psutil.Process(pid).memory_full_info().uss for pid in pids or [None])
+    except psutil.Error:
+        return None
 
 
 class ForeignLoad:
@@ -47,33 +35,20 @@ class ForeignLoad:
     def __init__(self) -> None:
         self._start = self._read()
 
-    def cores(self) -> float | None:
-        """Return how many cores other programs kept busy since the start, or None without /proc."""
-        now = self._read()
-        if now is None or self._start is None:
-            return None
-        seconds, busy, own = (b - a for a, b in zip(self._start, now, strict=True))
+    def cores(self) -> float:
+        """Return how many cores other programs kept busy since the start."""
+        seconds, busy, own = (b - a for a, b in zip(self._start, self._read(), strict=True))
         return max(0.0, (busy - own) / max(seconds, 1e-9))
 
-    def _read(self) -> tuple[float, float, float] | None:
-        try:
-            user, nice, system, _, _, irq, softirq, steal = map(
-                int, (PROC / "stat").read_text().split()[1:9]
-            )
-        except OSError:
-            return None
-        own = sum(
-            sum(map(int, fields[11:15]))  # a process's own, and what its dead children had taken
-            for pid in process_tree()
-            if (fields := _stat(PROC / str(pid) / "stat"))
-        )
-        busy = user + nice + system + irq + softirq + steal
-        return time.perf_counter(), busy / TICKS, own / TICKS
+    def _read(self) -> tuple[float, float, float]:
+        times = psutil.cpu_times()
+        busy = sum(getattr(times, kind, 0.0) for kind in BUSY)
+        return time.perf_counter(), busy, sum(map(_spent, process_tree()))
 
 
-def _stat(path: Path) -> list[str]:
-    """Return a process's stat file from the state and parent on; nothing if it is gone."""
+def _spent(process: psutil.Process) -> float:
+    """Return a process's CPU time and what its dead children had taken [s]; 0 if it is gone."""
     try:
-        return path.read_text().rpartition(")")[2].split()
-    except OSError:
-        return []
+        return sum(process.cpu_times()[:4])
+    except psutil.Error:
+        return 0.0

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from benchmarks.cases import over_runs
 from benchmarks.speed import BUSY, Measured
-from sim2real.runs import statistics
+from sim2real.runs import manifest, statistics
 from sim2real.runs.figures import AFTER, BEFORE, FLOOR, INK, figure
 from sim2real.runs.files import write_text
 from sim2real.runs.statistics import FEW, Interval
@@ -74,32 +74,21 @@ def machine() -> dict[str, Any]:
     """Return what the figures were taken on."""
     import torch
 
-    versions = {}
+    versions, where = {}, manifest.machine()
     for name in PACKAGES:
         try:
             versions[name] = version(name)
         except PackageNotFoundError:
             versions[name] = None
     return {
-        "cpu": _cpu(),
+        "cpu": where["cpu"],
         "cores": os.cpu_count(),
-        "system": platform.platform(),
+        "system": where["system"],
         "python": platform.python_version(),
         "packages": versions,
         "torch_threads": torch.get_num_threads(),
         "omp_num_threads": os.environ.get("OMP_NUM_THREADS"),
     }
-
-
-def _cpu() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    return next(
-        (line.split(":")[1].strip() for line in lines if line.startswith("model name")),
-        platform.machine(),
-    )
 
 
 def ratios(measured: Sequence[Measured], row: str, of: str | None) -> list[float]:
@@ -156,12 +145,12 @@ def table(document: dict[str, Any]) -> str:
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for row in document["rows"]:
-        loads = [load for load in row["other_load_cores"] if load is not None]
-        load = f"{max(loads):.2f}{' **busy**' if max(loads) > BUSY else ''}" if loads else "?"
+        load = max(row["other_load_cores"])
         cells = (
             row["name"], _rate(row), _number(row["seconds"], 1), _number(row["ratio"], 3),
             row["of"], _number(row["mean_episode_length"], 0),
-            _number(row["bytes_per_simulation"], 0, 1 / 1024), load, row["setup"],
+            _number(row["bytes_per_simulation"], 0, 1 / 1024),
+            f"{load:.2f}{' **busy**' if load > BUSY else ''}", row["setup"],
         )  # fmt: skip
         lines.append(f"| {' | '.join(cells)} |")
     lines += ["", "| ratio | median | 95 % | range | must | goal | holds |"]

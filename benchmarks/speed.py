@@ -34,7 +34,7 @@ class Measured:
 
     row: Row
     timings: list[Timing] = field(default_factory=list)  # a run each
-    loads: list[float | None] = field(default_factory=list)  # cores of other programs during it
+    loads: list[float] = field(default_factory=list)  # cores of other programs during it
     memory: float | None = None  # bytes a simulation
 
     @property
@@ -83,10 +83,9 @@ def compare(
         for number in range(repeats):
             for one in measured:
                 patience -= _run(one, patience)
-                load = "unknown" if one.loads[-1] is None else f"{one.loads[-1]:.2f}"
                 say(
                     f"round {number + 1}: {one.row.name} {one.timings[-1].per_second:.3g}/s, "
-                    f"other load {load} cores"
+                    f"other load {one.loads[-1]:.2f} cores"
                 )
                 one.memory = one.row.peak() or one.memory
     finally:
@@ -111,17 +110,17 @@ def _run(one: Measured, patience: float) -> float:
     """
     timing, load, seconds = _measure(one.row)
     spent = 0.0
-    while load is not None and load > BUSY and spent + seconds < min(patience, 3.5 * seconds):
+    while load > BUSY and spent + seconds < min(patience, 3.5 * seconds):
         again, other, seconds = _measure(one.row)
         spent += seconds
-        if other is not None and other < load:
+        if other < load:
             timing, load = again, other
     one.timings.append(timing)
     one.loads.append(load)
     return spent
 
 
-def _measure(row: Row) -> tuple[Timing, float | None, float]:
+def _measure(row: Row) -> tuple[Timing, float, float]:
     begin, load = time.perf_counter(), ForeignLoad()
     timing = row.run()
     return timing, load.cores(), time.perf_counter() - begin

@@ -123,7 +123,7 @@ class TorchRLParallel(Row):
 
     def build(self) -> None:
         """Start the workers."""
-        before = set(process_tree())
+        before = process_tree()
         self._env, self._actor = (
             ParallelEnv(THREADS, _gym_env, mp_start_method="spawn"),
             Actor(self._gait),
@@ -131,7 +131,7 @@ class TorchRLParallel(Row):
         with torch.no_grad():
             self._tensordict = self._env.reset()
             self._play(20)
-        self._pids = [pid for pid in process_tree() if pid not in before]
+        self._pids = [one.pid for one in process_tree() if one not in before]
 
     @torch.no_grad()
     def run(self) -> Timing:
