@@ -12,7 +12,7 @@ and has its foot on the ground half of the time, so that contacts are.
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 import torch
@@ -32,6 +32,7 @@ WIDTH = 64  # of both hidden layers
 LINEAR = 0.3  # typical input of the hidden units of `hopping`: tanh is nearly linear there
 
 Gait = Literal["hopping", "fresh"]
+Simulated = TypeVar("Simulated", bound=Simulation)
 
 
 def make_tasks() -> Randomization:
@@ -40,9 +41,11 @@ def make_tasks() -> Randomization:
     return Randomization([Draw(mass, low=1.0, high=9.0), Draw(friction, low=1.5, high=2.5)])
 
 
-def make_simulation(num_rows: int, threads: int = THREADS) -> Simulation:
+def make_simulation(
+    num_rows: int, threads: int = THREADS, kind: type[Simulated] = Simulation
+) -> Simulated:
     """Return rows of the randomized Hopper."""
-    return Simulation(Hopper(), num_rows, make_tasks().effects, threads)
+    return kind(Hopper(), num_rows, make_tasks().effects, threads)
 
 
 def make_policy() -> MLPPolicy:

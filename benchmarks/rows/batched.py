@@ -76,9 +76,9 @@ class BatchedEnv(Row):
 
     def record(self) -> Tape:
         """Do the work of a run on rows that record it, and return the tape of what is timed."""
-        recorder = Recorder(make_simulation(self.simulations))
+        recorder = make_simulation(self.simulations, kind=Recorder)
         self._actor = Actor(self._gait)
-        env = make_env(recorder)  # type: ignore[arg-type]
+        env = make_env(recorder)
         start = self._warm(env)
         recorder.restart()
         self._timed(env, start)

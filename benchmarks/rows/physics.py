@@ -1,6 +1,6 @@
 """The ceiling: `mujoco.batch` alone, replaying what a row above it did.
 
-    simulation = Recorder(make_simulation(256))
+    simulation = make_simulation(256, kind=Recorder)
     ...                                              # anything that steps it
     replay = Replay(256, simulation.tape, threads=2)
     replay.run()
@@ -12,7 +12,7 @@ step, and stops during resets: what a reset costs is charged to the rows above, 
 
 import time
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -47,51 +47,28 @@ class Advance(NamedTuple):
 Tape = list[Start | Advance]
 
 
-class Watched:
-    """Rows that pass everything on to a simulation; what watches them overrides a method.
-
-    Args:
-        simulation: Hopper with the parameters of `FIELDS`.
-    """
-
-    def __init__(self, simulation: Simulation) -> None:
-        self.simulation = simulation
-        self.num_rows, self.max_steps = simulation.num_rows, simulation.max_steps
-        self.observation_size = simulation.observation_size
-        self.action_size = simulation.action_size
-        self.action_low, self.action_high = simulation.action_low, simulation.action_high
-        self.space = simulation.space
-
-    def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
-        """Reset the simulation; see `envs.rows.Rows`."""
-        return self.simulation.reset(ids, values, seeds)
-
-    def step(self, ids: np.ndarray | None, action: np.ndarray) -> Step:
-        """Step the simulation."""
-        return self.simulation.step(ids, action)
-
-    def start(self, ids: np.ndarray) -> Start:
-        """Return the states and models that these rows have now."""
-        batch = self.simulation.plant.batch
-        state = tuple(batch.bind(name)[ids] for name in STATE)
-        return Start(ids.copy(), state, tuple(batch.expand(name)[ids] for name in FIELDS))
+def start(simulation: Simulation, ids: np.ndarray) -> Start:
+    """Return the states and models that rows of a simulation have now."""
+    batch = simulation.plant.batch
+    state = tuple(batch.bind(name)[ids] for name in STATE)
+    return Start(ids.copy(), state, tuple(batch.expand(name)[ids] for name in FIELDS))
 
 
-class Recorder(Watched):
-    """Rows that remember all that was done with them."""
+class Recorder(Simulation):
+    """Rows that remember all that was done with them; of Hopper with the parameters of `FIELDS`."""
 
-    def __init__(self, simulation: Simulation) -> None:
-        super().__init__(simulation)
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
         self.tape: Tape = []
 
     def restart(self) -> None:
         """Forget what was, and begin the tape with where all the rows are."""
-        self.tape = [self.start(np.arange(self.num_rows))]
+        self.tape = [start(self, np.arange(self.num_rows))]
 
     def reset(self, ids: np.ndarray, values: np.ndarray, seeds: np.ndarray) -> np.ndarray:
         """Reset, and record the states and models that came out."""
         observation = super().reset(ids, values, seeds)
-        self.tape.append(self.start(ids))
+        self.tape.append(start(self, ids))
         return observation
 
     def step(self, ids: np.ndarray | None, action: np.ndarray) -> Step:

@@ -10,12 +10,13 @@ import multiprocessing
 import time
 from dataclasses import replace
 from multiprocessing.pool import Pool
+from typing import Any
 
 import numpy as np
 
 from benchmarks import workers
 from benchmarks.rows.base import Row, Timing
-from benchmarks.rows.physics import Advance, Start, Tape, Watched
+from benchmarks.rows.physics import Advance, Start, Tape, start
 from benchmarks.world import THREADS, Gait, controller, make_simulation, make_tasks
 from envs.rows import Step
 from envs.simulation import Simulation
@@ -54,7 +55,7 @@ class Evaluation:
 
     def tape(self, num_rows: int) -> Tape:
         """Run the job once; return its episodes as a tape for that many rows, the longest first."""
-        log = EpisodeLog(make_simulation(len(self.thetas)))
+        log = make_simulation(len(self.thetas), kind=EpisodeLog)
         Population([log], self.controller.policy).run(self.members(), self.controller.normalizer())
         return pack(log.episodes, num_rows)
 
@@ -85,16 +86,16 @@ class Evaluation:
 class Episode:
     """What one episode did: where it started, on what robot, and its controls."""
 
-    def __init__(self, start: Start) -> None:
-        self.start = start  # of one row
+    def __init__(self, first: Start) -> None:
+        self.start = first  # of one row
         self.controls: list[np.ndarray] = []  # (A,) each
 
 
-class EpisodeLog(Watched):
+class EpisodeLog(Simulation):
     """Rows that remember each episode by itself."""
 
-    def __init__(self, simulation: Simulation) -> None:
-        super().__init__(simulation)
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
         self.episodes: list[Episode] = []
         self._now: dict[int, Episode] = {}
 
@@ -102,7 +103,7 @@ class EpisodeLog(Watched):
         """Reset, and begin episodes."""
         observation = super().reset(ids, values, seeds)
         for row in ids.tolist():
-            self._now[row] = Episode(self.start(np.array([row])))
+            self._now[row] = Episode(start(self, np.array([row])))
             self.episodes.append(self._now[row])
         return observation
 

@@ -142,9 +142,9 @@ def test_rows_take_turns_and_missing_packages_are_skipped() -> None:
 def test_replay_repeats_the_environment_bit_for_bit() -> None:
     """Raw physics does the work of the environment: same states at the end, through resets."""
     torch.set_num_threads(1)
-    recorder = Recorder(make_simulation(4, threads=1))
+    recorder = make_simulation(4, 1, Recorder)
     row = BatchedEnv("x", 4, 40, "fresh")
-    env = make_env(recorder)  # type: ignore[arg-type]
+    env = make_env(recorder)
     row.build()
     start = row._warm(env)
     recorder.restart()
@@ -152,7 +152,7 @@ def test_replay_repeats_the_environment_bit_for_bit() -> None:
     assert sum(isinstance(item, Start) for item in recorder.tape) > 2  # episodes ended within
     replay = Replay(4, recorder.tape, threads=2)
     assert replay.run().steps == 160
-    last = recorder.simulation.plant.qpos
+    last = recorder.plant.qpos
     assert np.array_equal(replay.batch.bind("qpos"), last)
 
 
