@@ -20,12 +20,7 @@ from envs.distribution_file import NINETY
 from sim2real.diagnosis.settings import TINY_SQUARE
 from sim2real.identification.data import Recordings
 from sim2real.identification.held_out import inflate_noise
-from sim2real.identification.local import (
-    LocalSensitivity,
-    analyze_sensitivity,
-    fit_per_episode,
-    model_discrepancy,
-)
+from sim2real.identification.local import LocalSensitivity, Surroundings
 from sim2real.identification.methods.base import FitContext, gaussian, refuse_kind
 from sim2real.identification.providers.base import AlignedProvider, MakeProvider
 from sim2real.identification.providers.replay import replay
@@ -106,10 +101,11 @@ class Matching:
             return journal.evaluate(points, turn, evaluate)
 
         best = self.search.minimize(recorded, prior, run.seed, run.watch).best
-        local = analyze_sensitivity(provider, prior, best, self.settings)
-        shifts, covariances, left = fit_per_episode(provider, prior, local, self.settings)
+        around = Surroundings(provider, prior, self.settings)
+        local = around.explore(best)
+        shifts, covariances, left = around.fit_per_episode(local)
         split = random_effects(shifts, covariances, self.settings)
-        shared, rest = model_discrepancy(provider, prior, local, left, self.settings)
+        shared, rest = around.model_discrepancy(local, left)
         found = _spelled(prior, local, Estimates(shifts, covariances, split, shared))
         noise = rest * provider.scale
         found = replace(

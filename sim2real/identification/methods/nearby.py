@@ -17,7 +17,7 @@ import numpy as np
 
 from envs.distribution import Distribution
 from sim2real.identification.data import Recordings
-from sim2real.identification.local import analyze_sensitivity, maximum_a_posteriori
+from sim2real.identification.local import Surroundings
 from sim2real.identification.methods.base import FitContext, gaussian
 from sim2real.identification.providers.base import AlignedProvider, MakeProvider
 from sim2real.identification.providers.replay import replay
@@ -91,12 +91,11 @@ class Nearby:
             )
         few = made.subset(_spread(len(made.real), self.transitions))
         few.episode = np.zeros(len(few.real), np.int64)  # one robot: all logs together
-        point, sure = maximum_a_posteriori(few, prior, self.settings)
+        around = Surroundings(few, prior, self.settings)
+        point, sure = around.maximum_a_posteriori()
         return replace(
             gaussian(prior, point, sure, None, np.sqrt(np.diag(sure))),
-            flat=analyze_sensitivity(few, prior, point, self.settings).named(
-                prior.names, self.settings
-            ),
+            flat=around.explore(point).named(prior.names, self.settings),
             noise=dict.fromkeys(made.names, 0.0),
             made_by=run.made_by(self.name),
             logs=data.hashes(),
