@@ -14,34 +14,11 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from envs.distribution import Distribution
 from sim2real.runs.errors import Sim2RealError
 
 Evaluate = Callable[[np.ndarray, int], np.ndarray]  # points (n, P), turn -> (n,)
 OnTurn = Callable[[int, int, float], None]  # turns done, turns in all, best number so far
-
-
-class Space(Protocol):
-    """The space of a search: a prior, or a box."""
-
-    @property
-    def low(self) -> np.ndarray:
-        """(P,)."""
-        ...
-
-    @property
-    def high(self) -> np.ndarray:
-        """(P,)."""
-        ...
-
-    @property
-    def mean(self) -> np.ndarray:
-        """(P,), where to start."""
-        ...
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """P of them."""
-        ...
 
 
 class Box(NamedTuple):
@@ -49,8 +26,11 @@ class Box(NamedTuple):
 
     low: np.ndarray  # (P,)
     high: np.ndarray  # (P,)
-    mean: np.ndarray  # (P,)
+    mean: np.ndarray  # (P,), where to start
     names: tuple[str, ...]
+
+
+Space = Distribution | Box  # where a search looks: in a prior, or in a box
 
 
 class SearchResult(NamedTuple):
