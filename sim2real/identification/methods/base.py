@@ -16,6 +16,7 @@ from sim2real.identification.data import Recordings
 from sim2real.identification.journal import Journal
 from sim2real.identification.providers.base import MakeProvider
 from sim2real.identification.scores.base import Score
+from sim2real.identification.searches import Evaluate
 from sim2real.runs.errors import Sim2RealError
 
 Watch = Callable[[int, int, float | None], None]  # turns done, turns in all, best number so far
@@ -35,6 +36,11 @@ class FitContext:
         path = None if self.folder is None else self.folder / "journal.npz"
         start = None if self.resume is None else Path(self.resume) / "journal.npz"
         return Journal(path, score, start)
+
+    def recorded(self, evaluate: Evaluate, score: Score | None = None) -> Evaluate:
+        """Return an evaluation of a search whose numbers the journal keeps, or has already."""
+        journal = self.journal(score)
+        return lambda points, turn: journal.evaluate(points, turn, evaluate)
 
     def made_by(self, method: str, **parts: object) -> dict[str, str | int]:
         """Return the provenance that a distribution records: the method and its parts' classes."""

@@ -107,15 +107,11 @@ class Dropo:
         )
         # the same normal numbers for every Gaussian: the likelihood is then smooth in it
         normal = np.random.default_rng([run.seed, SAMPLES]).standard_normal((self.samples, count))
-        journal = run.journal()
 
         def evaluate(points: np.ndarray, turn: int) -> np.ndarray:
             return np.array([self._surprise(provider, prior, point, normal) for point in points])
 
-        def recorded(points: np.ndarray, turn: int) -> np.ndarray:
-            return journal.evaluate(points, turn, evaluate)
-
-        best = self.search.minimize(recorded, box, run.seed, run.watch).best
+        best = self.search.minimize(run.recorded(evaluate), box, run.seed, run.watch).best
         mean, std = best[:count], np.exp(best[count:])
         noise = self.noise * provider.scale
         found = gaussian(prior, mean, np.diag(std**2), std)

@@ -58,16 +58,11 @@ class Easi:
 
     def found(self, provider: Rollout, prior: Distribution, run: FitContext) -> Distribution:
         """Return the last generation's distribution."""
-        begin = getattr(self.score, "begin", None)  # of a score that learns
-        if begin is not None:
-            begin(provider.observation_size, run.seed)
-        journal = run.journal(self.score)
+        self.score.begin(provider.observation_size, run.seed)
 
         def evaluate(points: np.ndarray, turn: int) -> np.ndarray:
             return self.score(provider.real, provider.simulate(points, turn), turn)
 
-        def recorded(points: np.ndarray, turn: int) -> np.ndarray:
-            return journal.evaluate(points, turn, evaluate)
-
+        recorded = run.recorded(evaluate, self.score)
         last = self.search.minimize(recorded, prior, run.seed, run.watch)
         return gaussian(prior, last.mean, np.diag(last.std**2))

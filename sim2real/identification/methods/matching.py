@@ -92,15 +92,11 @@ class Matching:
         self, provider: AlignedProvider, prior: Distribution, run: FitContext
     ) -> Distribution:
         """Return the distribution that an aligned provider's data speak for."""
-        journal = run.journal()
 
         def evaluate(points: np.ndarray, turn: int) -> np.ndarray:
             return self.score(provider.real, provider.simulate(points, turn), turn)
 
-        def recorded(points: np.ndarray, turn: int) -> np.ndarray:
-            return journal.evaluate(points, turn, evaluate)
-
-        best = self.search.minimize(recorded, prior, run.seed, run.watch).best
+        best = self.search.minimize(run.recorded(evaluate), prior, run.seed, run.watch).best
         around = Surroundings(provider, prior, self.settings)
         local = around.explore(best)
         shifts, covariances, left = around.fit_per_episode(local)

@@ -3,13 +3,13 @@
 import numpy as np
 
 from sim2real.diagnosis.settings import TINY_SQUARE
-from sim2real.identification.scores.base import StatelessScore
+from sim2real.identification.scores.base import Score
 from sim2real.runs.errors import Sim2RealError
 
 HALF = 0.5
 
 
-class KStep(StatelessScore):
+class KStep(Score):
     """Mean square error of all readings, over their scale.
 
     Trajectory matching: with whole windows it is what DROID (Tsai et al., RA-L 2021) and PACE

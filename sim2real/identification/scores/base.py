@@ -6,21 +6,19 @@
 is the horizon of an aligned score: rows after each measured state, or None for whole windows.
 """
 
-from typing import Any, Protocol
+from abc import ABC, abstractmethod
+from typing import Any
 
 import numpy as np
 
 
-class Score(Protocol):
-    """Base class of scores."""
+class Score(ABC):
+    """Base class of scores; one whose calls depend on each other has a state."""
 
     aligned: bool
+    rows: int | None  # its horizon; see the module's docstring
 
-    @property
-    def rows(self) -> int | None:
-        """Its horizon in rows; see the module's docstring."""
-        ...
-
+    @abstractmethod
     def __call__(self, real: np.ndarray, simulated: np.ndarray, turn: int = 0) -> np.ndarray:
         """Return how far each of n simulations is from what was measured, (n,).
 
@@ -29,23 +27,13 @@ class Score(Protocol):
             simulated: n of them, (n, ...).
             turn: the number of the call, from 0; what is random follows from it.
         """
-        ...
+
+    def begin(self, observation: int, seed: int) -> None:  # noqa: B027 - most need neither
+        """Forget everything; transitions then have observations of this size."""
 
     def state(self) -> dict[str, Any]:
         """Return the state of the score, as arrays by name; {} for a stateless score."""
-        ...
-
-    def load(self, state: dict[str, Any]) -> None:
-        """Go back to a state."""
-        ...
-
-
-class StatelessScore:
-    """A score whose calls do not depend on each other."""
-
-    def state(self) -> dict[str, Any]:
-        """Return {}."""
         return {}
 
-    def load(self, state: dict[str, Any]) -> None:
-        """Do nothing."""
+    def load(self, state: dict[str, Any]) -> None:  # noqa: B027 - most have none
+        """Go back to a state."""

@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from sim2real.identification.scores.base import Score
 from sim2real.runs.distances import standardize
 from sim2real.runs.errors import Sim2RealError
 
@@ -22,7 +23,7 @@ VARIANTS = ("gp", "paper")
 HALF = 0.5
 
 
-class Critic:
+class Critic(Score):
     """A critic as a score: the less real it thinks a simulation, the larger.
 
     Args:

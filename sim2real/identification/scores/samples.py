@@ -7,7 +7,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from sim2real.identification.scores.base import StatelessScore
+from sim2real.identification.scores.base import Score
 from sim2real.runs.distances import TINY, WIDTHS, gaussian, squares, standardize
 from sim2real.runs.errors import Sim2RealError
 
@@ -19,7 +19,7 @@ def subsample(values: np.ndarray, most: int, rng: np.random.Generator) -> np.nda
     return values[rng.choice(len(values), most, replace=False)]
 
 
-class Mmd(StatelessScore):
+class Mmd(Score):
     """Maximum mean discrepancy with Gaussian kernels (Gretton et al., JMLR 13, 2012), squared.
 
     Args:
@@ -56,7 +56,7 @@ class Mmd(StatelessScore):
         return np.array(found)
 
 
-class SlicedWasserstein(StatelessScore):
+class SlicedWasserstein(Score):
     """Wasserstein distance along random directions (Bonneel et al. 2015), by the library POT.
 
     Args:
@@ -96,7 +96,7 @@ class SlicedWasserstein(StatelessScore):
         return np.array(found, dtype=float)
 
 
-class Embedding(StatelessScore):
+class Embedding(Score):
     """Conditional mean embedding: simulated changes against those predicted from real ones.
 
     Kernel ridge regression, by random Fourier features (Rahimi and Recht, NeurIPS 2007), learns
