@@ -30,20 +30,11 @@ def grid_heatmaps(scores: GridScores, path: str | Path) -> None:
     Without adaptation there is one map.
     """
     before, after = scores.before.mean(axis=(0, 2)), scores.after.mean(axis=(0, 2))
+    maps, gain = {"Mean return": before}, None
     if scores.adaptation_episodes:
         after_title = f"After {scores.adaptation_episodes} episodes of adaptation"
-        maps = {"Before adaptation": before, after_title: after}
-        heatmaps(
-            scores.grid,
-            scores.parameters,
-            maps,
-            path,
-            box=scores.box,
-            gain=after - before,
-            gain_title="Gain by adaptation",
-        )
-    else:
-        heatmaps(scores.grid, scores.parameters, {"Mean return": before}, path, box=scores.box)
+        maps, gain = {"Before adaptation": before, after_title: after}, after - before
+    heatmaps(scores.grid, scores.parameters, maps, path, box=scores.box, gain=gain)
 
 
 def heatmaps(
@@ -54,9 +45,8 @@ def heatmaps(
     *,
     box: Box,
     gain: np.ndarray | None = None,
-    gain_title: str = "",
 ) -> None:
-    """Draw maps over one grid of two axes side by side, on one scale, and a map of differences.
+    """Draw maps over one grid of two axes side by side, on one scale, and one of what is gained.
 
     Args:
         grid: its first axis runs to the right, its second one up.
@@ -64,8 +54,7 @@ def heatmaps(
         maps: mean return of each cell, (C,), by title.
         path: where the picture goes.
         box: range to frame, by parameter; one of no width is marked as a line or a point.
-        gain: differences of each cell, (C,), on a separate scale around 0.
-        gain_title: what the differences are.
+        gain: by adaptation in each cell, (C,), on a separate scale around 0.
     """
     count = len(maps) + (gain is not None)
     everything = np.concatenate(list(maps.values()))
@@ -78,12 +67,10 @@ def heatmaps(
         bar.set_label("Mean return")
         if gain is not None:
             most = max(float(np.abs(gain).max()), 1e-9)
-            image = _map(
-                axes[0, -1], grid, gain, gain_title, box, cmap="RdBu", vmin=-most, vmax=most
-            )
-            fig.colorbar(image, ax=axes[0, -1], pad=0.02, aspect=30).set_label(
-                "Difference of return"
-            )
+            scale = {"cmap": "RdBu", "vmin": -most, "vmax": most}
+            image = _map(axes[0, -1], grid, gain, "Gain by adaptation", box, **scale)
+            bar = fig.colorbar(image, ax=axes[0, -1], pad=0.02, aspect=30)
+            bar.set_label("Difference of return")
         for ax in axes[0]:
             ax.set_xlabel(label(parameters[0]))
         axes[0, 0].set_ylabel(label(parameters[1]))
@@ -106,7 +93,11 @@ def _frame(ax: Axes, x: Axis, y: Axis, box: Box) -> None:
     """Frame the training range; a point of it is a cross."""
     from matplotlib.patches import Rectangle
 
-    limits = [(max(lo, e[0]), min(hi, e[-1])) for e, (lo, hi) in _sides(x, y, box)]
+    limits = []
+    for axis in (x, y):
+        low, high = box.get(axis.parameter, (-np.inf, np.inf))
+        edges = axis.edges()
+        limits.append((max(low, edges[0]), min(high, edges[-1])))
     (left, right), (bottom, top) = limits
     if not box or left > right or bottom > top:
         return
@@ -115,21 +106,9 @@ def _frame(ax: Axes, x: Axis, y: Axis, box: Box) -> None:
             ax.plot(left, bottom, marker="x", color=colour, markersize=8, markeredgewidth=width)
         return
     for colour, width, dashes in FRAME:
-        ax.add_patch(
-            Rectangle(
-                (left, bottom),
-                right - left,
-                top - bottom,
-                fill=False,
-                edgecolor=colour,
-                linewidth=width,
-                linestyle=dashes,
-            )
-        )
-
-
-def _sides(x: Axis, y: Axis, box: Box) -> list[tuple[np.ndarray, tuple[float, float]]]:
-    return [(axis.edges(), box.get(axis.parameter, (-np.inf, np.inf))) for axis in (x, y)]
+        frame = Rectangle((left, bottom), right - left, top - bottom, fill=False)
+        frame.set(edgecolor=colour, linewidth=width, linestyle=dashes)
+        ax.add_patch(frame)
 
 
 def grid_line(

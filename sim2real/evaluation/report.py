@@ -10,8 +10,6 @@ each sweep. Everything is over training runs: intervals resample whole runs, sin
 policy say nothing about the next.
 """
 
-import csv
-import io
 import json
 from collections.abc import Sequence
 from typing import Any
@@ -103,17 +101,15 @@ def _studied(study: Study, claim: Claim) -> str | None:
 
 def returns_csv(study: Study) -> str:
     """Return one row for each run, budget and robot."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    names = ["experiment", "run", "trained_on", "tested_on", "steps", "episodes"]
-    writer.writerow([*names, "mean_return", "sd_over_episodes"])
+    names = ("experiment", "run", "trained_on", "tested_on", "steps", "episodes")
+    table = Table((*names, "mean_return", "sd_over_episodes"))
     for group in study.groups:
         for run in (run for budget in sorted(group.runs) for run in group.runs_at_budget(budget)):
             for robot, returns in run.scores.returns.items():
                 own = [group.label, run.scores.name, run.scores.trained_on, robot]
                 numbers = [f"{returns.mean():.6g}", f"{_spread(returns):.6g}"]
-                writer.writerow([*own, run.scores.frames, len(returns), *numbers])
-    return out.getvalue()
+                table.add(*own, run.scores.frames, len(returns), *numbers)
+    return table.csv()
 
 
 def iqm_with_interval(values: np.ndarray, seed: int) -> Interval | float:
@@ -124,9 +120,7 @@ def iqm_with_interval(values: np.ndarray, seed: int) -> Interval | float:
     return bootstrap(values[:, None], iqm, rng, draws=DRAWS, resample="rows")
 
 
-def _numbers(
-    study: Study, group: Group, robot: str, seed: int, budget: int | None = None
-) -> list[Cell]:
+def _numbers(study: Study, group: Group, robot: str, seed: int, budget: int) -> list[Cell]:
     values = study.returns(group, robot, budget)
     spread = float(values.std(ddof=1)) if len(values) > 1 else None
     within = float(
@@ -136,15 +130,9 @@ def _numbers(
 
 
 def _chance(
-    study: Study,
-    group: Group,
-    baseline: str | None,
-    robot: str,
-    seed: int,
-    budget: int | None = None,
+    study: Study, group: Group, baseline: str | None, robot: str, seed: int, budget: int
 ) -> Interval | None:
     """Return how probably a run of the group beats one of the baseline after as many steps."""
-    budget = max(group.runs) if budget is None else budget
     others = study.find(baseline) if baseline else []
     if len(others) != 1 or others[0] is group or budget not in others[0].runs:
         return None
@@ -154,7 +142,7 @@ def _chance(
     return probability_of_improvement(mine, theirs, np.random.default_rng(seed), draws=DRAWS)
 
 
-def _size(group: Group, budget: int | None = None) -> tuple[int, float]:
+def _size(group: Group, budget: int) -> tuple[int, float]:
     runs = group.runs_at_budget(budget)
     return len(runs), float(np.mean([run.scores.frames for run in runs]))
 

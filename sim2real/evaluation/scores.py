@@ -13,7 +13,6 @@ cell, each with its episodes, and the table says so.
 from __future__ import annotations
 
 import csv
-import io
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -113,15 +112,8 @@ class GridScores:
             draws: resamples of each interval.
             rng: source of the resamples.
         """
-        columns = (
-            "cells",
-            "policy",
-            "mean return",
-            "IQM",
-            f"share of cells > {threshold:g}",
-            "P(improvement)",
-        )
-        table = Table((*columns, "training steps"), notes=[self.note()])
+        columns = ("cells", "policy", "mean return", "IQM", f"share of cells > {threshold:g}")
+        table = Table((*columns, "P(improvement)", "training steps"), notes=[self.note()])
         for name, mask in self.regions().items():
             where = f"{name} ({int(mask.sum())})"
             for policy, values in self._policies(mask).items():
@@ -154,31 +146,17 @@ class GridScores:
 
     def csv(self) -> str:
         """Return one row for each run, cell and adaptation."""
-        out = io.StringIO()
-        writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(
-            [
-                "run",
-                "cell",
-                *self.grid.names,
-                "adaptation",
-                *MEASURES,
-                "episodes",
-                "adaptation_episodes",
-            ]
-        )
+        columns = ("run", "cell", *self.grid.names, "adaptation", *MEASURES)
+        table = Table((*columns, "episodes", "adaptation_episodes"))
         measures = np.stack(
             [self.before, self.before_sd, self.after, self.after_sd], axis=-1
         )  # (R, C, A, 4)
         cells = self.grid.cells().tolist()
-        for r, run in enumerate(self.runs):
-            for c, cell in enumerate(cells):
-                for a in range(self.adaptations):
-                    numbers = [f"{x:.10g}" for x in measures[r, c, a]]
-                    writer.writerow(
-                        [run, c, *cell, a, *numbers, self.episodes, self.adaptation_episodes]
-                    )
-        return out.getvalue()
+        for r, c, a in np.ndindex(self.before.shape):
+            numbers = [f"{x:.10g}" for x in measures[r, c, a]]
+            spent = (self.episodes, self.adaptation_episodes)
+            table.add(self.runs[r], c, *cells[c], a, *numbers, *spent)
+        return table.csv()
 
     def description(self) -> dict:
         """Return all that `csv` leaves out, as JSON holds it."""
