@@ -1,7 +1,7 @@
 """Evaluation over a grid: a policy on robots it was never trained on, before and after it adapts.
 
-    scores = run_cells(algorithm, evaluation, seed=0, name="seed 0")
-    report(scores, evaluation, seed=0, out=folder)
+    scores = evaluation.assess(algorithm, seed=0, name="seed 0")
+    evaluation.report([scores], seed=0, out=folder)
 
 In each cell of the grid the policy adapts several times, each time from the trained parameters,
 with its own perturbations and random numbers. Each result is scored on fresh episodes whose start
@@ -110,8 +110,58 @@ class Evaluation:
     def assess(
         self, algorithm: Algorithm, seed: int, name: str, progress: Report | None = None
     ) -> GridScores:
-        """Run every cell; the robots are made by the algorithm itself. See `run_cells`."""
-        return run_cells(algorithm, self, seed, name, progress)
+        """Run every cell of the grid; see the module's text.
+
+        Args:
+            algorithm: the trained policy and its way to adapt; it makes the robots itself.
+            seed: all randomness follows from it; one seed gives different policies the same random
+                numbers.
+            name: the name of the training run.
+            progress: called with the tasks done and the tasks in all, from time to time.
+
+        Raises:
+            ParameterError: a grid that leaves the parameter space of the policy's simulator.
+        """
+        check_context_adaptation(algorithm)
+        cells = _Cells(algorithm, self)
+        space = cells.space
+        grid, repeats = self.grid, self.adaptations
+        values = np.repeat(grid.values(space), repeats, axis=0)  # (C A, P)
+        seeds = draw_seeds(np.random.default_rng([seed, EVALUATION]), len(values))
+        spent = cells.adaptation_episodes
+        work = len(values) * (spent + (2 if spent else 1) * self.episodes)
+        log.info("evaluating %d cells, %d episodes", grid.size, work)
+        chunks = max(1, min(work // (ROUNDS * cells.num_rows), len(values)))
+        parts, steps, done = [], 0, 0
+        for chunk in np.array_split(np.arange(len(values)), chunks):
+            scores = cells.run(values[chunk], seeds[chunk])
+            parts.append(np.stack([scores.before, scores.after]))  # (2, n, E)
+            steps, done = steps + scores.steps, done + len(chunk)
+            if progress is not None:
+                progress(done, len(values))
+        shape = (2, 1, grid.size, repeats, -1)  # (2, 1, C, A, E)
+        returns = np.concatenate(parts, axis=1).reshape(shape)
+        before, after = returns.mean(axis=-1)
+        before_sd, after_sd = (
+            returns.std(axis=-1, ddof=1)
+            if self.episodes > 1
+            else np.full_like(returns[..., 0], np.nan)
+        )
+        box = training_range(algorithm.parts.tasks, space) if self.box is None else self.box
+        return GridScores(
+            grid,
+            grid.parameters(space),
+            {p: (float(low), float(high)) for p, (low, high) in box.items() if p in grid.names},
+            (name,),
+            (algorithm.frames,),
+            (steps,),
+            self.episodes,
+            cells.adaptation_episodes,
+            before,
+            after,
+            before_sd,
+            after_sd,
+        )
 
     def robots_to_film(
         self, algorithm: Algorithm, scores: GridScores
@@ -131,71 +181,24 @@ class Evaluation:
         return found
 
     def report(self, scores: Sequence[GridScores], seed: int, out: Path) -> GridScores:
-        """Write the files of one or several runs, put together; see `report`."""
+        """Put one or several runs together, and write what they came to.
+
+        That is grid.csv, evaluation.json, table.md, table.csv, and a picture of one or two axes.
+        """
         combined = merge_runs(scores)
-        report(combined, self, seed, Path(out))
+        rng = np.random.default_rng([seed, INTERVALS])
+        table = combined.summary(self.threshold, self.draws, rng)
+        table.write(out / "table")
+        summary = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
+        combined.write(out, seed=seed, threshold=self.threshold, summary=summary)
+        axes = len(combined.grid.axes)
+        if axes == 1:
+            grid_line(combined, out / "plots" / "line.png", draws=self.draws, rng=rng)
+        elif axes == 2:
+            grid_heatmaps(combined, out / "plots" / "heatmaps.png")
+        else:
+            log.info("no picture for a grid of %d axes; see table.md and grid.csv", axes)
         return combined
-
-
-def run_cells(
-    algorithm: Algorithm,
-    evaluation: Evaluation,
-    seed: int,
-    name: str,
-    progress: Report | None = None,
-) -> GridScores:
-    """Run every cell of the grid; see the module's text.
-
-    Args:
-        algorithm: the trained policy and its way to adapt.
-        evaluation: what to run.
-        seed: all randomness follows from it; one seed gives different policies the same random
-            numbers.
-        name: the name of the training run.
-        progress: called with the tasks done and the tasks in all, from time to time.
-
-    Raises:
-        ParameterError: a grid that leaves the parameter space of the policy's simulator.
-    """
-    check_context_adaptation(algorithm)
-    cells = _Cells(algorithm, evaluation)
-    space = cells.space
-    grid, repeats = evaluation.grid, evaluation.adaptations
-    values = np.repeat(grid.values(space), repeats, axis=0)  # (C A, P)
-    seeds = draw_seeds(np.random.default_rng([seed, EVALUATION]), len(values))
-    spent = cells.adaptation_episodes
-    work = len(values) * (spent + (2 if spent else 1) * evaluation.episodes)
-    log.info("evaluating %d cells, %d episodes", grid.size, work)
-    chunks = max(1, min(work // (ROUNDS * cells.num_rows), len(values)))
-    parts, steps, done = [], 0, 0
-    for chunk in np.array_split(np.arange(len(values)), chunks):
-        scores = cells.run(values[chunk], seeds[chunk])
-        parts.append(np.stack([scores.before, scores.after]))  # (2, n, E)
-        steps, done = steps + scores.steps, done + len(chunk)
-        if progress is not None:
-            progress(done, len(values))
-    returns = np.concatenate(parts, axis=1).reshape(2, 1, grid.size, repeats, -1)  # (2, 1, C, A, E)
-    before, after = returns.mean(axis=-1)
-    before_sd, after_sd = (
-        returns.std(axis=-1, ddof=1)
-        if evaluation.episodes > 1
-        else np.full_like(returns[..., 0], np.nan)
-    )
-    box = training_range(algorithm.parts.tasks, space) if evaluation.box is None else evaluation.box
-    return GridScores(
-        grid,
-        grid.parameters(space),
-        {p: (float(low), float(high)) for p, (low, high) in box.items() if p in grid.names},
-        (name,),
-        (algorithm.frames,),
-        (steps,),
-        evaluation.episodes,
-        cells.adaptation_episodes,
-        before,
-        after,
-        before_sd,
-        after_sd,
-    )
 
 
 def check_context_adaptation(algorithm: Algorithm) -> None:
@@ -266,23 +269,6 @@ class _Cells:
             steps += int(played.lengths.sum())
         scores = np.concatenate(returns).reshape(len(values), -1)  # (n, E)
         return AdaptationScores(scores, scores.copy(), steps)
-
-
-def report(scores: GridScores, evaluation: Evaluation, seed: int, out: Path) -> None:
-    """Write grid.csv, evaluation.json, table.md, table.csv, and a picture of one or two axes."""
-    rng = np.random.default_rng([seed, INTERVALS])
-    table = scores.summary(evaluation.threshold, evaluation.draws, rng)
-    table.write(out / "table")
-    summary = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
-    scores.write(out, seed=seed, threshold=evaluation.threshold, summary=summary)
-    if len(scores.grid.axes) == 1:
-        grid_line(scores, out / "plots" / "line.png", draws=evaluation.draws, rng=rng)
-    elif len(scores.grid.axes) == 2:
-        grid_heatmaps(scores, out / "plots" / "heatmaps.png")
-    else:
-        log.info(
-            "no picture for a grid of %d axes; see table.md and grid.csv", len(scores.grid.axes)
-        )
 
 
 def find_runs(checkpoint: str | Path | Sequence[str | Path] | None) -> dict[str, Path]:

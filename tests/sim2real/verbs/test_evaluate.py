@@ -13,7 +13,7 @@ from envs.errors import ParameterError
 from envs.randomization import Tasks
 from envs.toys import BiasedCartPole, Nav2D, NavGoals, ToyEnv
 from sim2real.config.compose import compose, instantiate
-from sim2real.evaluation.evaluate import Evaluation, find_runs, report, run_cells
+from sim2real.evaluation.evaluate import Evaluation, find_runs
 from sim2real.evaluation.grid import Grid
 from sim2real.learning.adapt import Adaptation, HillClimb, NoAdaptation
 from sim2real.learning.algorithms.base import Algorithm, Components
@@ -91,7 +91,7 @@ def evaluation(grid: Grid = GOALS, **changes: Any) -> Evaluation:
 
 def test_a_policy_that_stays_scores_its_distance_in_every_cell() -> None:
     """Nav-2D pays minus the squared distance to the goal, 100 times: the cells are in order."""
-    scores = run_cells(Still(NoAdaptation()), evaluation(), 0, "run")
+    scores = evaluation().assess(Still(NoAdaptation()), 0, "run")
     expected = -100 * (GOALS.cells() ** 2).sum(axis=1)
     assert scores.before.shape == (1, 6, 3)
     np.testing.assert_allclose(scores.before[0], expected[:, None] * np.ones(3))
@@ -101,7 +101,7 @@ def test_a_policy_that_stays_scores_its_distance_in_every_cell() -> None:
 
 def test_hill_climbing_never_loses_where_nothing_is_random() -> None:
     """It accepts only what is better, and its repeats differ by their perturbations."""
-    scores = run_cells(Still(CLIMB), evaluation(), 0, "run")
+    scores = evaluation().assess(Still(CLIMB), 0, "run")
     assert (scores.after >= scores.before).all()
     assert scores.after.mean() > scores.before.mean()
     assert len(np.unique(scores.after[0, 0])) > 1
@@ -112,7 +112,7 @@ def test_before_and_after_share_their_luck() -> None:
     """Where starts are random, an adaptation that changes nothing changes no episode's return."""
     grid = Grid([{"parameter": "encoder_offset.pole", "values": [0.0, 0.05]}])
     still = HillClimb(mode="sequential", queries=2, parallel=1, sigma=1e-12)
-    scores = run_cells(Still(still, BiasedCartPole), evaluation(grid, episodes=5), 0, "run")
+    scores = evaluation(grid, episodes=5).assess(Still(still, BiasedCartPole), 0, "run")
     np.testing.assert_array_equal(scores.after, scores.before)
     assert (scores.before_sd > 0).any()
     assert len(np.unique(scores.before)) > 2
@@ -122,25 +122,25 @@ def test_rows_and_shards_change_no_bit() -> None:
     """Many chunks on few rows, in one thread or in two, give what one batch gives; seeds differ."""
     few, many = Still(CLIMB, rows=2), Still(CLIMB, rows=64)
     two = Still(CLIMB, rows=8, shards=2)
-    first, *others = [run_cells(trained, evaluation(), 7, "r") for trained in (few, many, two)]
+    first, *others = [evaluation().assess(trained, 7, "r") for trained in (few, many, two)]
     for other in others:
         np.testing.assert_array_equal(first.after, other.after)
         assert first.steps == other.steps
-    assert (run_cells(many, evaluation(), 8, "r").after != first.after).any()
+    assert (evaluation().assess(many, 8, "r").after != first.after).any()
 
 
 def test_steps_count_adaptation_and_both_scorings() -> None:
     """Where no episode ends early they are 100 steps for each: 5 to adapt, 2 before and 2 after."""
     tiny = HillClimb(mode="sequential", queries=4, parallel=1, sigma=1e-6)
     far = Grid([{"parameter": "goal.x", "values": [-1.0, 1.0]}], {"goal.y": 1.0})
-    scores = run_cells(Still(tiny), evaluation(far), 0, "run")
+    scores = evaluation(far).assess(Still(tiny), 0, "run")
     assert scores.steps == (2 * 3 * (5 + 2 + 2) * 100,)
 
 
 def test_progress_ends_with_all_tasks_done() -> None:
     """The report grows and ends at cells times adaptations."""
     told: list[tuple[int, int]] = []
-    run_cells(Still(CLIMB, rows=1), evaluation(), 0, "r", lambda *now: told.append(now))
+    evaluation().assess(Still(CLIMB, rows=1), 0, "r", lambda *now: told.append(now))
     assert told[-1] == (18, 18)
     assert told == sorted(told)
     assert len(told) > 1
@@ -149,8 +149,8 @@ def test_progress_ends_with_all_tasks_done() -> None:
 def test_a_report_is_complete(tmp_path: Path) -> None:
     """Table, cells, picture and description are there and agree with each other."""
     asked = evaluation()
-    scores = run_cells(Still(CLIMB), asked, 0, "seed 0")
-    report(scores, asked, 0, tmp_path)
+    scores = asked.assess(Still(CLIMB), 0, "seed 0")
+    asked.report([scores], 0, tmp_path)
     about = json.loads((tmp_path / "evaluation.json").read_text(encoding="utf-8"))
     assert about["seed"] == 0
     assert about["runs"] == [
@@ -172,7 +172,7 @@ def test_pictures_follow_the_number_of_axes(tmp_path: Path, axes: int, pictures:
 
     make = partial(NoisyNav2D, noise="gaussian", scale=1.0)
     asked = evaluation(grid)
-    report(run_cells(Still(CLIMB, make), asked, 0, "run"), asked, 0, tmp_path)
+    asked.report([asked.assess(Still(CLIMB, make), 0, "run")], 0, tmp_path)
     assert [file.name for file in sorted(tmp_path.glob("plots/*"))] == pictures
     assert (tmp_path / "table.csv").exists()
 
@@ -181,7 +181,7 @@ def test_a_grid_outside_the_space_is_refused_before_any_episode() -> None:
     """The unknown name comes with the known ones."""
     wrong = evaluation(Grid([{"parameter": "goal.z", "values": [0.0, 1.0]}]))
     with pytest.raises(ParameterError, match=r"no parameter 'goal\.z'.*goal\.x, goal\.y"):
-        run_cells(Still(CLIMB), wrong, 0, "run")
+        wrong.assess(Still(CLIMB), 0, "run")
 
 
 def test_a_grid_is_checked_before_training() -> None:
@@ -203,7 +203,7 @@ def test_impossible_numbers_are_refused() -> None:
 def test_a_box_that_is_given_replaces_the_training_range() -> None:
     """It decides what counts as inside; parameters without an axis drop out of it."""
     box = {"goal.x": (-0.1, 0.7), "elsewhere": (0.0, 1.0)}
-    scores = run_cells(Still(NoAdaptation()), evaluation(box=box), 0, "run")
+    scores = evaluation(box=box).assess(Still(NoAdaptation()), 0, "run")
     assert scores.box == {"goal.x": (-0.1, 0.7)}
     assert scores.regions()["inside the training range"].sum() == 4
 
@@ -248,7 +248,7 @@ def test_the_verb_puts_trained_runs_into_one_table(tmp_path: Path) -> None:
     assert scores.frames[1] == learner.frames
     assert (scores.after[0] != scores.after[1]).any()
     np.testing.assert_array_equal(
-        scores.after[1:], run_cells(learner, arguments["eval"], 0, "seed 4").after
+        scores.after[1:], arguments["eval"].assess(learner, 0, "seed 4").after
     )
     assert "bootstrap over 2 training runs" in (tmp_path / "out" / "table.md").read_text("utf-8")
 
@@ -269,8 +269,8 @@ def test_a_policy_that_does_not_adapt_is_scored_in_every_cell(tmp_path: Path) ->
     """An untrained PPO policy, near 0 everywhere: each goal's score is that of standing still."""
     words = ["env=nav2d", "params=goals", "algorithm=ppo", "eval=grid_goals"]
     learner = make_learner(words, tmp_path)
-    scores = run_cells(learner, evaluation(episodes=3, adaptations=2), 0, "run")
-    still = run_cells(Still(NoAdaptation()), evaluation(episodes=3, adaptations=2), 0, "run")
+    scores = evaluation(episodes=3, adaptations=2).assess(learner, 0, "run")
+    still = evaluation(episodes=3, adaptations=2).assess(Still(NoAdaptation()), 0, "run")
     assert scores.adaptation_episodes == 0 and scores.after.shape == (1, 6, 2)
     np.testing.assert_array_equal(scores.before, scores.after)
     np.testing.assert_allclose(scores.after, still.after, rtol=0.2)
@@ -288,11 +288,11 @@ def test_every_operator_adapts_every_policy(trainer: str, tmp_path: Path) -> Non
         adapt = instantiate(compose([*words, f"adapt={name}"]), tmp_path)[1]["parts"].adapt
         adapt.sigma = adapt.rate = 0.3
         learner.parts = replace(learner.parts, adapt=adapt)
-        first = run_cells(learner, asked, 0, "run")
+        first = asked.assess(learner, 0, "run")
         assert first.adaptation_episodes == adapt.episodes > 0
         assert np.any(first.after != first.before), name
         assert name == "gradient" or np.all(first.after >= first.before)  # nothing is random
-    again = run_cells(learner, asked, 0, "run")
+    again = asked.assess(learner, 0, "run")
     np.testing.assert_array_equal(first.after, again.after)
 
 
@@ -327,6 +327,6 @@ def test_ppo_adapts_what_ppo_trained_by_its_critic(tmp_path: Path) -> None:
     critic = learner.trained().critic
     assert critic is not None and critic.unit != 1.0
     asked = evaluation(episodes=1, adaptations=1)
-    first, again = (run_cells(learner, asked, 0, "run") for _ in range(2))
+    first, again = (asked.assess(learner, 0, "run") for _ in range(2))
     assert first.adaptation_episodes == 2 and (first.after != first.before).mean() > 0.9
     np.testing.assert_array_equal(first.after, again.after)

@@ -10,7 +10,6 @@ import pytest
 from hardware.log import Log
 from sim2real.config.compose import compose, instantiate
 from sim2real.config.targets import build as build_part
-from sim2real.evaluation.evaluate import run_cells
 from sim2real.learning.adapt import Identify, IdentifySession
 from sim2real.learning.algorithms.base import build
 from sim2real.learning.environment import environment_of
@@ -138,6 +137,6 @@ def test_the_grid_is_scored_before_and_after(tmp_path: Path) -> None:
     words = [*TOLD, *SMALL, "eval=grid_hopper", axes, "eval.adaptations=1", "eval.episodes=1"]
     _, given = instantiate(compose([*words, "run=evaluate", "adapt=identify"]), tmp_path)
     learner = build(given["algorithm"], given["parts"], adapts=False)
-    scores = run_cells(learner, given["eval"], 0, "run")
+    scores = given["eval"].assess(learner, 0, "run")
     assert scores.adaptation_episodes == 3 and scores.after.shape == (1, 2, 1)
     assert not np.array_equal(scores.before, scores.after)
