@@ -84,10 +84,7 @@ def _share(errors: np.ndarray, band: float) -> float:
 
 
 def score_held_out(
-    held: AlignedProvider,
-    found: Distribution,
-    rng: np.random.Generator,
-    settings: Settings = DEFAULT,
+    held: AlignedProvider, found: Distribution, rng: np.random.Generator
 ) -> HeldOutScores:
     """Judge a distribution by recordings.
 
@@ -95,22 +92,21 @@ def score_held_out(
         held: what was held out.
         found: the distribution.
         rng: for draws and noise.
-        settings: `draws`, `band` and `compared` are used.
     """
     neutral = np.clip(held.neutral, found.low, found.high)[None]
     before, after = held.errors(np.concatenate([neutral, found.mean[None]]))
-    drawn = held.errors(found.sample(rng, settings.draws))  # (D, W, T, M)
+    drawn = held.errors(found.sample(rng, DEFAULT.draws))  # (D, W, T, M)
     noise = np.array([found.noise[name] for name in held.names]) / held.scale  # (M,)
     drawn = drawn + noise * rng.standard_normal(drawn.shape)
     there = np.isfinite(held.real)
     errors = drawn[:, there]  # (D, n)
-    if errors.shape[1] > settings.compared:
-        errors = errors[:, rng.choice(errors.shape[1], settings.compared, replace=False)]
+    if errors.shape[1] > DEFAULT.compared:
+        errors = errors[:, rng.choice(errors.shape[1], DEFAULT.compared, replace=False)]
     return HeldOutScores(
         _rms(before),
         _rms(after),
-        _share(errors, settings.band),
-        settings.band,
+        _share(errors, DEFAULT.band),
+        DEFAULT.band,
         crps(errors),
         float(np.nanmean(np.abs(after))),
     )

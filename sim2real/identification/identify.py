@@ -14,7 +14,7 @@ from envs.distribution import Distribution
 from envs.randomization import Randomization, Tasks
 from sim2real.identification.data import Recordings
 from sim2real.identification.held_out import HeldOutScores, score_held_out
-from sim2real.identification.methods.base import FitContext, Method
+from sim2real.identification.methods.base import ONCE, FitContext, Method
 from sim2real.identification.outcome import Outcome
 from sim2real.identification.prior import prior_from_candidates, prior_from_tasks
 from sim2real.identification.providers.base import AlignedProvider, MakeProvider, Provider
@@ -48,7 +48,7 @@ def identify(
     method: Method,
     prior: Distribution | str | Path | Sequence[str] | Tasks,
     provider: MakeProvider = replay,
-    run: FitContext | None = None,
+    run: FitContext = ONCE,
 ) -> Outcome:
     """Fit a distribution to logs, and judge it by those that were held out.
 
@@ -62,7 +62,6 @@ def identify(
     Raises:
         Sim2RealError: logs, priors, methods and scores that do not fit each other, before any work.
     """
-    run = run or FitContext()
     if not isinstance(prior, Distribution):
         tasks = prior if hasattr(prior, "effects") else Randomization()
         given = None if hasattr(prior, "effects") else prior

@@ -14,7 +14,7 @@ from envs import distribution_file
 from envs.distribution import Distribution
 from envs.distribution_file import NINETY
 from sim2real.identification.held_out import HeldOutScores
-from sim2real.identification.settings import DEFAULT, Settings
+from sim2real.identification.settings import DEFAULT
 from sim2real.runs.figures import COLOURS, FAINT, INK, figure
 from sim2real.runs.files import write_text
 from sim2real.runs.statistics import Interval
@@ -93,13 +93,13 @@ def notes(outcome: Outcome) -> Iterator[str]:
         )
 
 
-def warnings(outcome: Outcome, settings: Settings = DEFAULT) -> Iterator[str]:
+def warnings(outcome: Outcome) -> Iterator[str]:
     """Yield a sentence for each mean at an end of its prior."""
     found = outcome.found
     for name, law, prior, neutral in zip(
         found.names, found.laws, outcome.prior.laws, outcome.neutral, strict=True
     ):
-        near = settings.border * (prior.high - prior.low)
+        near = DEFAULT.border * (prior.high - prior.low)
         for end, word in ((prior.low, "lower"), (prior.high, "upper")):
             if abs(law.mean - end) > near:
                 continue

@@ -22,7 +22,7 @@ from sim2real.diagnosis.data.recording import load_model
 from sim2real.diagnosis.inference.candidates import Candidate, candidates
 from sim2real.diagnosis.schema import Cause, Report
 from sim2real.identification.data import Recordings
-from sim2real.identification.settings import DEFAULT, Settings
+from sim2real.identification.settings import DEFAULT
 from sim2real.runs.errors import Sim2RealError
 
 
@@ -63,9 +63,7 @@ def prior_from_tasks(
     return check_width(Distribution(tuple(entries)))
 
 
-def prior_from_candidates(
-    given: str | Path | Sequence[str], data: Recordings, settings: Settings = DEFAULT
-) -> Distribution:
+def prior_from_candidates(given: str | Path | Sequence[str], data: Recordings) -> Distribution:
     """Return the prior over a diagnosis's causes and their equivalents, or over effects by name.
 
     A cause's prior is its interval times three, about its value. An equivalent's, and that of an
@@ -74,7 +72,6 @@ def prior_from_candidates(
     Args:
         given: a report.json or the folder that holds it, or names of effects.
         data: the logs; their model says which places there are.
-        settings: `interval_factor` is used.
 
     Raises:
         Sim2RealError: no such file, a report without causes, or an effect that is unknown or that
@@ -86,7 +83,7 @@ def prior_from_candidates(
     report = _report(Path(given).expanduser())
     found: dict[str, Entry] = {}
     for cause in report.effects:
-        entry = _of_cause(cause, there, data, settings)
+        entry = _of_cause(cause, there, data)
         found[entry.effect.label()] = entry
     for cause in report.effects:
         for other in (one for one in cause.equivalent if one.kind == "robot"):
@@ -170,9 +167,7 @@ def _bound(effect: Effect) -> Effect:
     return make(effect.name, where=effect.where, how=effect.how, **side, **more)
 
 
-def _of_cause(
-    cause: Cause, there: Sequence[Candidate], data: Recordings, settings: Settings
-) -> Entry:
+def _of_cause(cause: Cause, there: Sequence[Candidate], data: Recordings) -> Entry:
     """Return a cause's entry: its interval times a factor, within what its parameter means."""
     extra = dict(cause.extra)
     where = extra.pop("body", None) or cause.where
@@ -188,6 +183,6 @@ def _of_cause(
             )
         return Entry(effect, _spanning(spans[0]).laws)
     low, high = (
-        cause.value + settings.interval_factor * (end - cause.value) for end in cause.value_ci
+        cause.value + DEFAULT.interval_factor * (end - cause.value) for end in cause.value_ci
     )
     return Entry(effect, (uniform(max(low, own[0].low), min(high, own[0].high)),))

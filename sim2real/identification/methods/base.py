@@ -48,6 +48,9 @@ class FitContext:
         return {"method": method, **classes, "seed": self.seed}
 
 
+ONCE = FitContext()  # of a fit that keeps nothing and that nobody watches
+
+
 class Method(Protocol):
     """Base class of identification methods."""
 

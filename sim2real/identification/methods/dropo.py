@@ -18,7 +18,7 @@ import numpy as np
 
 from envs.distribution import Distribution
 from sim2real.identification.data import Recordings
-from sim2real.identification.methods.base import FitContext, gaussian
+from sim2real.identification.methods.base import ONCE, FitContext, gaussian
 from sim2real.identification.providers.base import AlignedProvider, MakeProvider
 from sim2real.identification.providers.replay import replay
 from sim2real.identification.searches import Box, Search
@@ -76,14 +76,9 @@ class Dropo:
         self.narrowest, self.widest = narrowest, widest
 
     def fit(
-        self,
-        provider: MakeProvider,
-        prior: Distribution,
-        data: Recordings,
-        run: FitContext | None = None,
+        self, provider: MakeProvider, prior: Distribution, data: Recordings, run: FitContext = ONCE
     ) -> Distribution:
         """Return the distribution; see `Method`."""
-        run = run or FitContext()
         made: Any = provider(data, prior.effects, rows=self.rows, seed=run.seed)
         if not isinstance(made, AlignedProvider):
             raise Sim2RealError("dropo compares row by row; choose identify/provider=replay")

@@ -15,7 +15,7 @@ import numpy as np
 
 from envs.distribution import Distribution
 from sim2real.identification.data import Recordings
-from sim2real.identification.methods.base import FitContext, gaussian, refuse_kind
+from sim2real.identification.methods.base import ONCE, FitContext, gaussian, refuse_kind
 from sim2real.identification.providers.base import MakeProvider
 from sim2real.identification.providers.rollout import Rollout, rollout
 from sim2real.identification.scores.base import Score
@@ -42,14 +42,9 @@ class Easi:
         self.score, self.search, self.provider = score, search, provider
 
     def fit(
-        self,
-        provider: MakeProvider,
-        prior: Distribution,
-        data: Recordings,
-        run: FitContext | None = None,
+        self, provider: MakeProvider, prior: Distribution, data: Recordings, run: FitContext = ONCE
     ) -> Distribution:
         """Return the distribution; see `Method`."""
-        run = run or FitContext()
         made: Any = provider(data, prior.effects, rows=None, seed=run.seed)
         refuse_kind(self.score, made.aligned)
         found = self.found(made, prior, run)

@@ -21,7 +21,7 @@ from sim2real.diagnosis.settings import TINY_SQUARE
 from sim2real.identification.data import Recordings
 from sim2real.identification.held_out import inflate_noise
 from sim2real.identification.local import LocalSensitivity, Surroundings
-from sim2real.identification.methods.base import FitContext, gaussian, refuse_kind
+from sim2real.identification.methods.base import ONCE, FitContext, gaussian, refuse_kind
 from sim2real.identification.providers.base import AlignedProvider, MakeProvider
 from sim2real.identification.providers.replay import replay
 from sim2real.identification.random_effects import (
@@ -73,14 +73,9 @@ class Matching:
         self.rows, self.settings = score.rows, settings
 
     def fit(
-        self,
-        provider: MakeProvider,
-        prior: Distribution,
-        data: Recordings,
-        run: FitContext | None = None,
+        self, provider: MakeProvider, prior: Distribution, data: Recordings, run: FitContext = ONCE
     ) -> Distribution:
         """Return the distribution; see `Method`."""
-        run = run or FitContext()
         made: Any = provider(data, prior.effects, rows=self.score.rows, seed=run.seed)
         refuse_kind(self.score, made.aligned)
         fitted, _ = made.split(self.settings)

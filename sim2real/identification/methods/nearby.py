@@ -18,7 +18,7 @@ import numpy as np
 from envs.distribution import Distribution
 from sim2real.identification.data import Recordings
 from sim2real.identification.local import Surroundings
-from sim2real.identification.methods.base import FitContext, gaussian
+from sim2real.identification.methods.base import ONCE, FitContext, gaussian
 from sim2real.identification.providers.base import AlignedProvider, MakeProvider
 from sim2real.identification.providers.replay import replay
 from sim2real.identification.settings import DEFAULT, Settings
@@ -75,14 +75,9 @@ class Nearby:
         )
 
     def fit(
-        self,
-        provider: MakeProvider,
-        prior: Distribution,
-        data: Recordings,
-        run: FitContext | None = None,
+        self, provider: MakeProvider, prior: Distribution, data: Recordings, run: FitContext = ONCE
     ) -> Distribution:
         """Return normal laws about the point; see `Method`."""
-        run = run or FitContext()
         made: Any = self._provided(provider, prior, data, run)
         if not isinstance(made, AlignedProvider):
             raise Sim2RealError(

@@ -23,7 +23,7 @@ from envs.marginals import Marginal
 from sim2real.diagnosis.settings import TINY
 from sim2real.identification.calibration import ALARM, Calibration, calibrate, write
 from sim2real.identification.data import Recordings
-from sim2real.identification.methods.base import FitContext
+from sim2real.identification.methods.base import ONCE, FitContext
 from sim2real.identification.providers.base import AlignedProvider, MakeProvider
 from sim2real.identification.providers.replay import replay
 from sim2real.identification.settings import DEFAULT, Settings
@@ -77,14 +77,9 @@ class Npe:
         self.components, self.epochs = components, epochs
 
     def fit(
-        self,
-        provider: MakeProvider,
-        prior: Distribution,
-        data: Recordings,
-        run: FitContext | None = None,
+        self, provider: MakeProvider, prior: Distribution, data: Recordings, run: FitContext = ONCE
     ) -> Distribution:
         """Return the posterior's draws; see `Method`."""
-        run = run or FitContext()
         made: Any = provider(data, prior.effects, rows=None, seed=run.seed)
         if not isinstance(made, AlignedProvider):
             raise Sim2RealError("npe summarizes replays of logs; choose identify/provider=replay")

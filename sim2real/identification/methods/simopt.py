@@ -22,7 +22,7 @@ from envs.distribution import Distribution, Entry
 from envs.marginals import UNIFORM_WIDTH, uniform
 from sim2real.diagnosis.settings import TINY
 from sim2real.identification.data import Recordings
-from sim2real.identification.methods.base import FitContext, Method
+from sim2real.identification.methods.base import ONCE, FitContext, Method
 from sim2real.identification.providers.base import MakeProvider
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
@@ -70,14 +70,10 @@ class SimOpt:
         self.rows, self.provider = method.rows, method.provider
 
     def fit(
-        self,
-        provider: MakeProvider,
-        prior: Distribution,
-        data: Recordings,
-        run: FitContext | None = None,
+        self, provider: MakeProvider, prior: Distribution, data: Recordings, run: FitContext = ONCE
     ) -> Distribution:
         """Return the last round's distribution; see `Method`."""
-        run, box = run or FitContext(), prior
+        box = prior
         boxes: list[Distribution] = []
         found: list[Distribution] = []
         for number in range(self.rounds):
