@@ -25,7 +25,7 @@ from benchmarks import study
 from benchmarks.cases import over_runs
 from benchmarks.study import at_least, command
 from sim2real.config.compose import compose, instantiate
-from sim2real.deployment import deploy
+from sim2real.deployment.record import configure_robot
 from sim2real.deployment.stops import make_stop_limits
 from sim2real.deployment.trained import load_trained
 from sim2real.loops.improve.operator import Operator
@@ -148,7 +148,7 @@ def best(case: Case, told: dict[str, Any]) -> list[float]:
     _, given = instantiate(compose(case.line), case.folder)
     parts, algorithm = given["parts"], given["algorithm"]
     first = load_trained(case.policy, parts, algorithm)
-    machine = deploy.configure_robot(given["robot"], None, None)
+    machine = configure_robot(given["robot"], None, None)
     done = read_metadata(find(case.policy))["iteration"]
     rounds = max(len(told["rounds"]) - 1, 1)
     settings = {

@@ -73,7 +73,7 @@ def load_actor(path: str | Path) -> LoadedPolicy:
     folder = path.parent if path.name in ("policy.npz", "policy.json") else path
     if (folder / "policy.json").is_file():
         return _exported(folder)
-    return _checkpoint(path)
+    return actor_of(load_policy(path), path)
 
 
 def _exported(folder: Path) -> LoadedPolicy:
@@ -87,11 +87,6 @@ def _exported(folder: Path) -> LoadedPolicy:
     seen = facts["observation"]
     normalizer = np.array([seen["mean"], seen["std"]], float)
     return LoadedPolicy(policy, len(policy.names), facts.get("task"), normalizer)
-
-
-def _checkpoint(path: Path) -> LoadedPolicy:
-    """A run of ours; its actor as one program."""
-    return actor_of(load_policy(path), path)
 
 
 def actor_of(trained: TrainedPolicy, path: str | Path) -> LoadedPolicy:

@@ -7,6 +7,7 @@
 After each episode all is on disk, so that what was interrupted goes on with `load`.
 """
 
+import json
 import logging
 from collections.abc import Callable
 from functools import partial
@@ -20,12 +21,9 @@ from envs.mujoco import MujocoEnv
 from envs.tasks.servo import ServoTask
 from envs.unactuated import unobservable_joints_message
 from hardware.backends import Backend
-from hardware.calibration import apply_calibration, read_calibration
-from hardware.config import Robot, make_robot
 from hardware.errors import SafetyError
 from hardware.rows import RobotRows
 from sim2real.deployment.fit import check_interface
-from sim2real.deployment.link_file import write_link
 from sim2real.deployment.robot_env import play, robot_of
 from sim2real.deployment.session import STATE, Deployment, EpisodePlan, save
 from sim2real.deployment.trained import task_of
@@ -40,6 +38,7 @@ from sim2real.runs.tables import Table
 
 log_ = logging.getLogger(__name__)
 DRAWS = 2000  # resamples of an interval
+LINK = "link.json"  # periods, overruns and answers since the deployment began or went on
 
 
 def servo_task(environment: EnvironmentFactory) -> ServoTask:
@@ -51,26 +50,6 @@ def servo_task(environment: EnvironmentFactory) -> ServoTask:
             "as those of env=bench1, env=hopper2 or env=quad8"
         )
     return task
-
-
-def configure_robot(
-    robot: dict[str, Any],
-    port: str | list[str] | None,
-    calibration: str | None,
-    imu_port: str | None = None,
-) -> Robot:
-    """Return the robot of a configuration, at its ports, with its calibration.
-
-    Raises:
-        RobotError: a wrong robot's file, the calibration of another robot, or the port of an IMU
-            that its file does not name.
-    """
-    machine = make_robot({**robot, **({"port": port} if port is not None else {})})
-    if imu_port is not None:
-        machine = machine.with_imu_at(imu_port)
-    if calibration is not None:
-        machine = apply_calibration(machine, read_calibration(calibration))
-    return machine
 
 
 def check_reward(rows: RobotRows, adapt: Adaptation) -> None:
@@ -154,7 +133,9 @@ def run_deployment(
                 write_text(
                     out / "parameters.csv", identified_parameters_table(deployment.session).csv()
                 )
-            write_link(out, rows.link)
+            if rows.link is not None:
+                facts = json.dumps(rows.link.as_dict(), indent=1, ensure_ascii=False)
+                write_text(out / LINK, facts + "\n")
             text = "%s, episode %d: return %.4g; %s"
             log_.info(text, turn.phase, turn.number + 1, value, rows.link)
         log_.info("all %d episodes are done; %s", deployment.total, rows.link)
@@ -164,6 +145,12 @@ def run_deployment(
         raise RunInterrupted(f"{done}; {again}", 130) from None
     finally:
         env.close()
+
+
+def read_link(folder: Path) -> dict[str, Any] | None:
+    """Return the content of a deployment's link.json, see `hardware/link.py`; None without one."""
+    path = folder / LINK
+    return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
 
 
 def policy_metadata(trained: TrainedPolicy) -> dict[str, Any]:

@@ -32,6 +32,26 @@ from sim2real.runs.figures import COLOURS, INK, figure
 log_ = logging.getLogger(__name__)
 
 
+def configure_robot(
+    robot: dict[str, Any],
+    port: str | list[str] | None,
+    calibration: str | None,
+    imu_port: str | None = None,
+) -> Robot:
+    """Return the robot of a configuration, at its ports, with its calibration.
+
+    Raises:
+        RobotError: a wrong robot's file, the calibration of another robot, or the port of an IMU
+            that its file does not name.
+    """
+    machine = make_robot({**robot, **({"port": port} if port is not None else {})})
+    if imu_port is not None:
+        machine = machine.with_imu_at(imu_port)
+    if calibration is not None:
+        machine = apply_calibration(machine, read_calibration(calibration))
+    return machine
+
+
 def prepare_robot(
     robot: dict[str, Any],
     port: str | list[str] | None,
@@ -58,14 +78,12 @@ def prepare_robot(
         raise Sim2RealError(f"seconds={seconds} must be above 0")
     if not 0 < size <= 1:
         raise Sim2RealError(f"size={size} must be above 0 and at most 1")
-    machine = make_robot({**robot, **({"port": port} if port is not None else {})})
+    machine = configure_robot(robot, port, calibration)
     if machine.port is not None and not arm:
         raise Sim2RealError(
             f"{machine.name} at {machine.port} would move; clear the space around it, then "
             "add arm=true"
         )
-    if calibration is not None:
-        machine = apply_calibration(machine, read_calibration(calibration))
     return machine
 
 

@@ -49,20 +49,17 @@ def load_trained(
         return replace(learner.trained(), source=source)
 
 
-def load_policy(checkpoint: str | Path, device: str = "cpu") -> TrainedPolicy:
+def load_policy(checkpoint: str | Path) -> TrainedPolicy:
     """Return the policy of a run, in the configuration that it was trained with.
 
     Args:
         checkpoint: a run's folder, or a checkpoint in it.
-        device: where networks are while they are restored.
 
     Raises:
         Sim2RealError: no such run, a checkpoint that is damaged, or one of another version.
     """
     source = path_value(str(find(checkpoint)))
-    _, made = instantiate(
-        compose(["run=export", f"checkpoint={source}", f"device={device}"]), Path()
-    )
+    _, made = instantiate(compose(["run=export", f"checkpoint={source}", "device=cpu"]), Path())
     return load_trained(checkpoint, made["parts"], made["algorithm"])
 
 

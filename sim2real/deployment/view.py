@@ -109,25 +109,6 @@ class Window:
         self._handle.sync()
 
 
-class Picture(Protocol):
-    """The settings of a film; `Video` is one."""
-
-    @property
-    def width(self) -> int:
-        """Pixels from left to right."""
-        ...
-
-    @property
-    def height(self) -> int:
-        """Pixels from top to bottom."""
-        ...
-
-    @property
-    def fps(self) -> int:
-        """Pictures a second."""
-        ...
-
-
 class Film:
     """Pictures of the robot, kept.
 
@@ -165,21 +146,22 @@ def watch(
 
 def write_film(
     world: EmulatedRobot,
-    video: Picture,
+    size: tuple[int, int],
+    fps: int,
     seconds: float,
     drive: Callable[[ServoBackend], None],
     stops: dict[str, float] | None,
     path: Path,
 ) -> Path:
-    """Film the emulated robot and return the film."""
+    """Film the emulated robot in pictures of a width and height [px], and return the film."""
     model = world.mechanics.model
     cameras = [model.camera(i).name for i in range(model.ncam)]
-    with Camera(model, video.width, video.height, cameras[0] if cameras else None) as camera:
-        film = Film(camera, video.fps)
+    with Camera(model, *size, cameras[0] if cameras else None) as camera:
+        film = Film(camera, fps)
         watch(world, film, seconds, drive, stops)
     pictures = np.stack(film.frames)  # (n, h, w, 3)
     even = [size - size % 2 for size in pictures.shape[1:3]]  # as video codecs want them
-    write_mp4(path, pictures[:, : even[0], : even[1]], video.fps)
+    write_mp4(path, pictures[:, : even[0], : even[1]], fps)
     log.info("video: %s", path)
     return path
 

@@ -14,13 +14,13 @@ from hardware.backends import ServoBackend
 from sim2real.deployment.deploy import (
     check_base,
     check_reward,
-    configure_robot,
     draw,
     report,
     run_deployment,
     servo_task,
 )
 from sim2real.deployment.dry_run import tell_commands
+from sim2real.deployment.record import configure_robot
 from sim2real.deployment.robot_env import on_robot, robot_of
 from sim2real.deployment.session import Deployment, load
 from sim2real.deployment.stops import make_stop_limits

@@ -11,7 +11,7 @@ from torchrl.envs import EnvBase
 
 from hardware.excite import Kind
 from hardware.log import Log, read_logs
-from sim2real.deployment import deploy
+from sim2real.deployment.record import configure_robot
 from sim2real.deployment.stops import make_stop_limits
 from sim2real.deployment.trained import load_trained
 from sim2real.learning.algorithms.base import Algorithm, Components
@@ -122,7 +122,7 @@ def run(
             raise Sim2RealError("target= replaces the robot; remove port= or target=")
         site = Target(parts.environment.with_base(target), parts.environment, trials, seed)
     else:
-        machine = deploy.configure_robot(robot, port, calibration, imu_port)
+        machine = configure_robot(robot, port, calibration, imu_port)
         if machine.port is not None and not arm:
             raise Sim2RealError(
                 f"{machine.name} at {machine.port} would move; clear the space around it, then "

@@ -101,7 +101,8 @@ def run(
         with open_window(world) as handle:
             watch(world, Window(handle), seconds, drive, stops)
         return None
-    return write_film(world, video, seconds, drive, stops, Path(out) / "videos" / "robot.mp4")
+    path = Path(out) / "videos" / "robot.mp4"
+    return write_film(world, (video.width, video.height), video.fps, seconds, drive, stops, path)
 
 
 def show_log(

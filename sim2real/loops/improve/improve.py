@@ -30,7 +30,7 @@ from envs.effects.file import load_effects, write_effects
 from hardware.errors import SafetyError
 from hardware.log import Log, read_logs
 from sim2real.deployment.actors import LoadedPolicy, actor_of, load_actor
-from sim2real.deployment.link_file import read_link
+from sim2real.deployment.deploy import read_link
 from sim2real.diagnosis.data.progress import ProgressLines
 from sim2real.evaluation.cause_costs import read_causes
 from sim2real.learning.algorithms.base import Components

@@ -11,7 +11,8 @@ import yaml
 
 from hardware.config import ROBOTS
 from hardware.errors import RobotError
-from sim2real.deployment.deploy import configure_robot, draw
+from sim2real.deployment.deploy import draw
+from sim2real.deployment.record import configure_robot
 
 
 def test_an_empty_port_is_not_the_emulated_robot() -> None:
