@@ -33,7 +33,6 @@ CLOSE = 1.25  # a gap this near to the wanted one, as a factor, will do
 TRIALS = 7
 LOOK = 8.0  # s of motion on which sizes are sought
 WILD = 1.5  # rad: a robot that errs more has lost its way
-Change = Callable[[Rig], Rig]
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,7 @@ class Bench:
 
     def size(
         self,
-        change: Callable[[float], Change],
+        change: Callable[[float], Rig],
         low: float,
         high: float,
         wanted: float,
@@ -82,7 +81,7 @@ class Bench:
         None where none in [low, high] reaches `least` [rad].
 
         Args:
-            change: what makes a change of a size.
+            change: makes the robot that hides a size.
             low: the smallest size.
             high: the largest.
             wanted: gap [rad].
@@ -91,7 +90,7 @@ class Bench:
         ends, best = [math.log(low), math.log(high)], None
         at = 0.5 * sum(ends)
         for trial in range(TRIALS):
-            gap = self.gap(change(math.exp(at))(self.rig))
+            gap = self.gap(change(math.exp(at)))
             far = math.inf if gap is None else abs(math.log(max(gap, 1e-9) / wanted))
             if gap is not None and gap >= least and (best is None or far < best[2]):
                 best = (math.exp(at), gap, far)
@@ -125,15 +124,15 @@ def make(
         return _off(bench, rng)
     if kind == "outside":
         return _outside(bench, effects[0], floors, rng)
-    background, dirt = 0.0, _same
+    rig, background = bench.rig, 0.0
     if kind == "dirty":
-        dirt = _dirt(bench.rig, DIRT, rng)
-        gap = bench.gap(dirt(bench.rig))
+        rig = _dirty(bench.rig, DIRT, rng)
+        gap = bench.gap(rig)
         if gap is None:
             return None
         background = gap
         floors = max(floors, BEYOND * background / bench.floor * CLOSE)
-    return _inside(bench, kind, effects, floors, (background, dirt), rng)
+    return _inside(bench, kind, effects, floors, (rig, background), rng)
 
 
 def _inside(
@@ -141,11 +140,11 @@ def _inside(
     kind: Kind,
     effects: tuple[str, ...],
     floors: float,
-    dirty: tuple[float, Change],
+    dirty: tuple[Rig, float],
     rng: np.random.Generator,
 ) -> Made | None:
     truths: list[Truth] = []
-    background, dirt = dirty
+    rig, background = dirty
     for effect in effects:
         taken = [truth["joint"] for truth in truths]
         truth = _truth(bench, kind, effect, taken, floors, background, rng)
@@ -153,7 +152,6 @@ def _inside(
             return None
         truths.append(truth)
         floors = float(np.exp(rng.uniform(math.log(LEAST), math.log(MOST))))
-    rig = dirt(bench.rig)
     for truth in truths:
         rig = put(rig, truth)
     gap = bench.gap(rig)
@@ -191,9 +189,8 @@ def _truth(
                 entry["side"] = "link" if more["encoder"] == "motor" else "motor"
             return entry
 
-        def change(size: float, truth: Any = truth) -> Change:
-            entry = truth(size)
-            return lambda rig: put(rig, entry)
+        def change(size: float, truth: Any = truth) -> Rig:
+            return put(rig, truth(size))
 
         least = max(LEAST * bench.floor, BEYOND * background)
         found = bench.size(change, law.low, law.high, floors * bench.floor, least)
@@ -206,8 +203,8 @@ def _outside(bench: Bench, name: str, floors: float, rng: np.random.Generator) -
     law, seed = OUTSIDE[name], int(rng.integers(2**31))
     for joint in rng.permutation(list(bench.rig.driven)).tolist():
 
-        def change(size: float, joint: str = joint) -> Change:
-            return lambda rig: law.put(rig, joint, size, np.random.default_rng(seed))
+        def change(size: float, joint: str = joint) -> Rig:
+            return law.put(bench.rig, joint, size, np.random.default_rng(seed))
 
         least = LEAST * bench.floor
         found = bench.size(change, law.low, law.high, floors * bench.floor, least)
@@ -217,7 +214,7 @@ def _outside(bench: Bench, name: str, floors: float, rng: np.random.Generator) -
         place = joint if law.place else None
         truth = {"effect": name, "where": place, "joint": place, "side": None}
         truth |= {"value": size, "extra": {}, "gap": gap}
-        return Made(change(size)(bench.rig), bench.rig, (truth,), gap, bench.floor)
+        return Made(change(size), bench.rig, (truth,), gap, bench.floor)
     return None
 
 
@@ -225,45 +222,34 @@ def _off(bench: Bench, rng: np.random.Generator) -> Made | None:
     wanted = float(np.exp(rng.uniform(*np.log(OFF)))) * bench.floor
     seed = int(rng.integers(2**31))
 
-    def change(share: float) -> Change:
-        return _dirt(bench.rig, share, np.random.default_rng(seed))
+    def change(share: float) -> Rig:
+        return _dirty(bench.rig, share, np.random.default_rng(seed))
 
     found = bench.size(change, 0.002, 0.3, wanted, OFF[0] * bench.floor)
     if found is None or found[1] > OFF[1] * bench.floor:
         return None
     share, gap = found
-    return Made(change(share)(bench.rig), bench.rig, (), gap, bench.floor, gap)
+    return Made(change(share), bench.rig, (), gap, bench.floor, gap)
 
 
-def _same(rig: Rig) -> Rig:
-    return rig
-
-
-def _dirt(rig: Rig, share: float, rng: np.random.Generator) -> Change:
-    """Draw factors, each within 1 ± share, for every number that a model of a robot has."""
+def _dirty(rig: Rig, share: float, rng: np.random.Generator) -> Rig:
+    """Return a robot whose every number that a model has is off by a factor within 1 ± share."""
     links = {link.body: 1 + share * rng.uniform(-1, 1, 3) for link in rig.tree.links}
     joints = {name: 1 + share * rng.uniform(-1, 1, 6) for name in rig.driven}
 
-    def change(rig: Rig) -> Rig:
-        tree = rig.tree
-        for body, (mass, inertia, centre) in links.items():
-            link = tree.link(body)
-            tree = tree.change(
-                body,
-                mass=link.mass * mass,
-                inertia=link.inertia * inertia,
-                centre=link.centre * centre,
-            )
-        rig = replace(rig, tree=tree)
-        for name, (dry, wet, rotor, kp, kd, braking) in joints.items():
-            joint = rig.joints[name]
-            servo, rubs = joint.servo, joint.friction
-            assert servo is not None
-            rig = rig.friction(name, coulomb=rubs.coulomb * dry, viscous=rubs.viscous * wet)
-            rig = rig.change(name, armature=joint.armature * rotor)
-            rig = rig.servo(name, kp=servo.kp * kp, kd=servo.kd * kd)
-            strength = servo.strength * kp if servo.torque else servo.strength
-            rig = rig.servo(name, braking=servo.braking * braking, strength=strength)
-        return rig
-
-    return change
+    tree = rig.tree
+    for body, (mass, inertia, centre) in links.items():
+        link = tree.link(body)
+        numbers = {"inertia": link.inertia * inertia, "centre": link.centre * centre}
+        tree = tree.change(body, mass=link.mass * mass, **numbers)
+    rig = replace(rig, tree=tree)
+    for name, (dry, wet, rotor, kp, kd, braking) in joints.items():
+        joint = rig.joints[name]
+        servo, rubs = joint.servo, joint.friction
+        assert servo is not None
+        rig = rig.friction(name, coulomb=rubs.coulomb * dry, viscous=rubs.viscous * wet)
+        rig = rig.change(name, armature=joint.armature * rotor)
+        rig = rig.servo(name, kp=servo.kp * kp, kd=servo.kd * kd)
+        strength = servo.strength * kp if servo.torque else servo.strength
+        rig = rig.servo(name, braking=servo.braking * braking, strength=strength)
+    return rig
