@@ -15,7 +15,7 @@ import json
 import logging
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -102,8 +102,36 @@ class Examiner(ABC):
         """
         names, cases = opened(folder, drawn)
         marks = [self.mark(folder, name) for name in names]
-        write(self.title, marks, self.summarize(marks, seed, folder / "plots"), folder, seed, cases)
+        self._write(folder, marks, seed, cases)
         return marks
+
+    def _write(self, folder: Path, marks: Sequence[Any], seed: int, cases: int) -> None:
+        """Write table.md with every table, each as CSV, cases.csv, and score.json with figures."""
+        tables = self.summarize(marks, seed, folder / "plots")
+        files = [folder / ANSWERS / one.case / VERSION for one in marks]
+        found = [f.read_text(encoding="utf-8").strip() if f.is_file() else "unknown" for f in files]
+        versions = {name: found.count(name) for name in dict.fromkeys(found)}
+        partial = len(marks) < cases
+        hours = sum(one.seconds or 0.0 for one in marks) / 3600
+        answered = ", ".join(f"{count} by {name}" for name, count in versions.items())
+        text = [
+            f"# {self.title}\n\n{'**partial: true.** ' if partial else ''}{len(marks)} of {cases} "
+            f"cases of seed {seed} were answered, {answered}, in {hours:.2f} hours of diagnoses.\n"
+        ]
+        for name, (head, table) in tables.items():
+            text.append(f"## {head}\n\n{table.markdown()}")
+            write_text(folder / f"{name}.csv", table.csv())
+        if dropped := sorted((folder / KEYS).glob(f"*/{DROPPED}")):
+            told = [f"* {f.parent.name}: {f.read_text(encoding='utf-8')}" for f in dropped]
+            text.append(f"## Not drawn\n\n{''.join(told)}")
+        write_text(folder / "table.md", "\n".join(text))
+        write_text(folder / "cases.csv", score.cases(marks).csv())
+        _, first = next(iter(tables.values()))
+        about = {"seed": seed, "cases": cases, "answered": len(marks), "partial": partial}
+        figures = {str(row[0]): row[1:] for row in first.rows}
+        about |= {"versions": versions, "figures": figures}
+        write_text(folder / "score.json", json.dumps(about, indent=1))
+        log_.info("%s", first.markdown())
 
     def mark(self, folder: Path, name: str) -> Any:
         """Compare the answer to a case with its key; return a dataclass, `case` its name."""
@@ -252,47 +280,3 @@ def closed(folder: Path, name: str, residue: float) -> float | None:
         log_.warning("the found effects cannot be replayed: %s", error)
         return None
     return (before - after) / max(before - residue, 1e-9)
-
-
-def write(
-    title: str,
-    marks: Sequence[Any],
-    tables: Mapping[str, tuple[str, Table]],
-    folder: Path,
-    seed: int,
-    cases: int,
-) -> None:
-    """Write table.md with every table, each as CSV, cases.csv, and score.json with the figures.
-
-    Args:
-        title: of table.md.
-        marks: the marks of the cases that were answered.
-        tables: see `Examiner.summarize`.
-        folder: the folder of the exam.
-        seed: the seed of its draw.
-        cases: that the exam has.
-    """
-    files = [folder / ANSWERS / one.case / VERSION for one in marks]
-    found = [f.read_text(encoding="utf-8").strip() if f.is_file() else "unknown" for f in files]
-    versions = {name: found.count(name) for name in dict.fromkeys(found)}
-    partial = len(marks) < cases
-    hours = sum(one.seconds or 0.0 for one in marks) / 3600
-    answered = ", ".join(f"{count} by {name}" for name, count in versions.items())
-    text = [
-        f"# {title}\n\n{'**partial: true.** ' if partial else ''}{len(marks)} of {cases} cases of "
-        f"seed {seed} were answered, {answered}, in {hours:.2f} hours of diagnoses.\n"
-    ]
-    for name, (head, table) in tables.items():
-        text.append(f"## {head}\n\n{table.markdown()}")
-        write_text(folder / f"{name}.csv", table.csv())
-    if dropped := sorted((folder / KEYS).glob(f"*/{DROPPED}")):
-        lines = (f"* {f.parent.name}: {f.read_text(encoding='utf-8').strip()}\n" for f in dropped)
-        text.append(f"## Not drawn\n\n{''.join(lines)}")
-    write_text(folder / "table.md", "\n".join(text))
-    write_text(folder / "cases.csv", score.cases(marks).csv())
-    _, first = next(iter(tables.values()))
-    about = {"seed": seed, "cases": cases, "answered": len(marks), "partial": partial}
-    figures = {str(row[0]): row[1:] for row in first.rows}
-    about |= {"versions": versions, "figures": figures}
-    write_text(folder / "score.json", json.dumps(about, indent=1))
-    log_.info("%s", first.markdown())
