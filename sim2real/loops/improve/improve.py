@@ -29,7 +29,7 @@ from typing import Any
 from envs.effects.file import load_effects, write_effects
 from hardware.errors import SafetyError
 from hardware.log import Log, read_logs
-from sim2real.deployment.actors import LoadedPolicy, actor_of, load_actor
+from sim2real.deployment.actors import actor_of, load_actor
 from sim2real.deployment.deploy import read_link
 from sim2real.diagnosis.data.progress import ProgressLines
 from sim2real.evaluation.cause_costs import read_causes
@@ -215,7 +215,7 @@ class _Loop:
             self.recordings = list(self.plan.logs)
         before = self.place.with_name(f"round_{self.number - 1}") / DEPLOYED
         walked = self.plan.logs if given else read_logs(before)
-        load = load_actor if given else partial(_at_hand, trained)
+        load = load_actor if given else partial(actor_of, trained)
         self.contract = interface(walked, load, self.place)
         if self.contract == "broken":
             return "interface"
@@ -265,8 +265,3 @@ class _Loop:
         found = [(effect.label(), values) for effect, values in load_effects(effects)]
         fixed = self.parts.environment.fixed
         return found != [(effect.label(), tuple(values)) for effect, values in fixed]
-
-
-def _at_hand(trained: TrainedPolicy, path: str | Path) -> LoadedPolicy:
-    """Return the policy that a log of ours names."""
-    return actor_of(trained, path)
