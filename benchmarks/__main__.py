@@ -22,26 +22,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks", description="Speed and, with --long, returns."
     )
-    parser.add_argument(
-        "--long", action="store_true", help="the comparisons of returns (hours; they resume)"
-    )
-    parser.add_argument(
-        "--rows",
-        default="",
-        help="speed rows with commas between; default: all but diagnose_6_joints",
-    )
-    parser.add_argument(
-        "--repeats", type=int, default=3, help="rounds of the speed rows (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--scale",
-        type=float,
-        default=1.0,
-        help="work of a run; 1 is 2 to 5 s (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--out", type=Path, default=Path("outputs/bench"), help="folder (default: %(default)s)"
-    )
+    add, usual = parser.add_argument, "(default: %(default)s)"
+    add("--long", action="store_true", help="the comparisons of returns (hours; they resume)")
+    rows = "speed rows with commas between; default: all but diagnose_6_joints"
+    add("--rows", default="", help=rows)
+    add("--repeats", type=int, default=3, help=f"rounds of the speed rows {usual}")
+    add("--scale", type=float, default=1.0, help=f"work of a run; 1 is 2 to 5 s {usual}")
+    add("--out", type=Path, default=Path("outputs/bench"), help=f"folder {usual}")
     chosen = parser.parse_args(arguments)
     if chosen.repeats < 1 or not chosen.scale > 0:
         parser.error(
@@ -49,9 +36,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
     if chosen.long:
         return run_long()
-    os.environ.setdefault(
-        "OMP_NUM_THREADS", "1"
-    )  # before torch and numpy are imported, here and in the workers
+    # before torch and numpy are imported, here and in the workers
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
     return run_speed(parser, chosen)
 
 

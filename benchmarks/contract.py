@@ -15,15 +15,13 @@ other finding. A sound case is right if there is none. Intervals are exact binom
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from benchmarks.cases import share
 from benchmarks.contract_walk import Change, Fault, Named, walk
-from benchmarks.policies.tasks import POLICIES
+from benchmarks.policies.tasks import POLICIES, arm
 from benchmarks.study import at_least, command
 from envs.tasks import Follow, Hopper2, Quad8, Quad12
 from envs.tasks.servo import ServoTask
@@ -34,7 +32,6 @@ from sim2real.runs.tables import Table
 
 ROBOTS = ("quad8", "hopper2", "arm6", "quad12")
 TASKS: dict[str, Callable[..., ServoTask]] = {"quad8": Quad8, "hopper2": Hopper2, "quad12": Quad12}
-ARM, SERVO = Path(__file__).parents[1] / "conf/robot/arm6.yaml", "xl430-w250"
 SECONDS = 3.0  # of a walk
 TWO = 0.4  # share of faulty cases with two faults
 
@@ -111,9 +108,7 @@ def perceptron(size: int, low: np.ndarray, rng: np.random.Generator) -> Change:
 def task_of(robot: str) -> ServoTask:
     """Return the task of a robot; arm6, here with six small servos, follows sines."""
     if robot == "arm6":
-        arm = yaml.safe_load(ARM.read_text(encoding="utf-8"))
-        arm["servos"] = {n: {**one, "model": SERVO} for n, one in arm["servos"].items()}
-        return Follow(robot=arm, model="arm6.xml", seconds=SECONDS)
+        return arm(Follow, SECONDS)
     return TASKS[robot](seconds=SECONDS)
 
 

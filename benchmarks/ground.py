@@ -31,18 +31,17 @@ from sim2real.diagnosis.diagnose import diagnose, run_diagnosis
 from sim2real.diagnosis.schema import Cause, ClosedLoop, Estimate, Report
 
 DEVELOPED = 11  # seed of the walks that it was developed on
-FIELDS: tuple[str, ...] = (
-    "case",
-    "robot",
-    "hidden",
-    "where",
-    "value",
-    "verdict",
-    "named",
+FIELDS: tuple[str, ...] = ("case", "robot", "hidden", "where", "value", "verdict", "named")
+FIELDS += (
     "place",
     "right",
+    "explained_wrong",
+    "superfluous",
+    "found",
+    "closed",
+    "seconds",
+    "cpu_seconds",
 )
-FIELDS += ("explained_wrong", "superfluous", "found", "closed", "seconds", "cpu_seconds")
 FIELDS += ("loop", "floor", "nominal", "corrected", "return", "return_nominal", "return_corrected")
 FIELDS += ("engine",)
 EMULATOR = "emulator"

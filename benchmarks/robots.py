@@ -191,13 +191,20 @@ def ride(plan: Plan, robot: str, seed: int, name: str, shift: str | None = None)
         "stops={odd_voltage: 0.4, stray: 2.0}",  # a lower supply and legs that give are no faults
         *([hidden, *CLIMB] if hidden else ["adapt=none"]),
     ]
+    if not deployed(words, folder):
+        return False
+    shutil.rmtree(folder / "logs", ignore_errors=True)
+    return True
+
+
+def deployed(words: list[str], folder: Path) -> bool:
+    """Run a deployment in this process; return whether it came to its end."""
     try:
         verb, arguments = instantiate(compose(words), folder)
         verb(**arguments)
     except (Sim2RealError, HardwareError) as error:
         print(f"{folder}: {error}", file=sys.stderr)
         return False
-    shutil.rmtree(folder / "logs", ignore_errors=True)
     return True
 
 

@@ -8,17 +8,13 @@ EASI finds their parameters from what it saw and said there, and a policy is tra
 found. All policies walk on the robot.
 """
 
-import sys
 from pathlib import Path
 from statistics import fmean
 
 from benchmarks.easi.plan import Plan, Row
 from benchmarks.easi.steps import identify, in_rounds, looked_for
-from benchmarks.robots import phases, timed
+from benchmarks.robots import deployed, phases, timed
 from benchmarks.study import sim2real, trained
-from hardware.errors import HardwareError
-from sim2real.config.compose import compose, instantiate
-from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import folder_lock, write_text
 
 ROBOT, TRIALS = "quad8", 10
@@ -76,13 +72,7 @@ def walked(plan: Plan, policy: Path, folder: Path, episodes: int, seed: int) -> 
     begun = [f"resume={folder}"] if (folder / "state.npz").is_file() else []
     words = ["run=deploy", f"checkpoint={policy}", f"robot={ROBOT}", f"trials={episodes}"]
     words += [f"robot.hidden={plan.effects}", f"seed={seed}", STOPS, *begun]
-    try:
-        verb, arguments = instantiate(compose(words), folder)
-        verb(**arguments)
-    except (Sim2RealError, HardwareError) as error:
-        print(f"{folder}: {error}", file=sys.stderr)
-        return False
-    return True
+    return deployed(words, folder)
 
 
 def found(plan: Plan, row: Row, seed: int) -> list[str] | None:

@@ -31,16 +31,20 @@ SECONDS = 3.0  # of a walk
 LEGS_SCALE, LEG_SCALE, ARM_SCALE = 0.25, 0.4, 0.5  # rad per 1 of an action
 
 
-class Bower(Quad8):
+class AboutPose(ServoTask):
+    """A task whose goals and angles are relative to the pose at home."""
+
+    def setup(self, model: mujoco.MjModel) -> None:
+        """Read off that pose."""
+        super().setup(model)
+        self.pose = self.rest(model)
+
+
+class Bower(AboutPose, Quad8):
     """Quad8 that crouches and leans as it is told, with legged_gym's observation (32,).
 
     Scaled terms, gravity, a default pose, a command of two numbers. Reward: -(mean |error|) dt.
     """
-
-    def setup(self, model: mujoco.MjModel) -> None:
-        """Read off the default pose."""
-        super().setup(model)
-        self.pose = self.rest(model)
 
     def action_range(self, model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
         """Return how far a network's mean may go, (8,) each."""
@@ -77,17 +81,12 @@ class Bower(Quad8):
         return np.concatenate(seen, axis=1)
 
 
-class Leg(Hopper2):
+class Leg(AboutPose, Hopper2):
     """Hopper2 whose goals are angles: a frame (8,) of angles, speeds, a clock, the last action."""
 
     def action_range(self, model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
         """Return the least and largest actions, (2,) each."""
         return np.full(2, -1.0), np.full(2, 1.0)
-
-    def setup(self, model: mujoco.MjModel) -> None:
-        """Read off the default pose."""
-        super().setup(model)
-        self.pose = self.rest(model)
 
     def target_angles(self, state: State, action: np.ndarray) -> np.ndarray:
         """Return the default pose and a share of the action [rad], (n, 2)."""
@@ -101,13 +100,8 @@ class Leg(Hopper2):
         return np.concatenate([angle, speed, rhythm, commanded(state).action], axis=1)
 
 
-class Pointer(Follow):
+class Pointer(AboutPose, Follow):
     """An arm that follows sines, whose goals are angles about its pose at home."""
-
-    def setup(self, model: mujoco.MjModel) -> None:
-        """Read off the default pose."""
-        super().setup(model)
-        self.pose = self.rest(model)
 
     def action_range(self, model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
         """Return how far a network's mean may go, (n,) each."""
@@ -131,11 +125,11 @@ def down(quaternion: np.ndarray) -> np.ndarray:
     return -np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), w**2 - x**2 - y**2 + z**2], axis=1)
 
 
-def pointer() -> Pointer:
-    """Return the arm, here with six small servos."""
-    arm = yaml.safe_load(ARM.read_text(encoding="utf-8"))
-    arm["servos"] = {n: {**one, "model": SERVO} for n, one in arm["servos"].items()}
-    return Pointer(robot=arm, model="arm6.xml", seconds=SECONDS)
+def arm(kind: type[Follow], seconds: float) -> Follow:
+    """Return a task of arm6, here with six small servos."""
+    robot = yaml.safe_load(ARM.read_text(encoding="utf-8"))
+    robot["servos"] = {n: {**one, "model": SERVO} for n, one in robot["servos"].items()}
+    return kind(robot=robot, model="arm6.xml", seconds=seconds)
 
 
 @dataclass(frozen=True)
@@ -170,6 +164,6 @@ POLICIES = {
     for one in (
         Policy("stable_baselines3", "hopper2", lambda: Leg(seconds=SECONDS)),
         Policy("rsl_rl", "quad8", lambda: Bower(seconds=SECONDS)),
-        Policy("skrl", "arm6", pointer),
+        Policy("skrl", "arm6", lambda: arm(Pointer, SECONDS)),
     )
 }

@@ -125,13 +125,17 @@ class Collected(Row):
 
     def build(self) -> None:
         """Make the collector and let it deliver one batch."""
+        self._collect(self._make, Actor(self._gait))
+
+    def _collect(self, world: Any, actor: TensorDictModuleBase, **more: bool) -> None:
         self._collector = Collector(
-            self._make,  # pyright: ignore[reportArgumentType]
-            Actor(self._gait),
+            world,
+            actor,
             frames_per_batch=self._frames,
             total_frames=-1,
             no_cuda_sync=True,
             auto_register_policy_transforms=False,
+            **more,  # pyright: ignore[reportArgumentType]
         )
         self._batch = iter(self._collector)
         next(self._batch)
@@ -163,18 +167,7 @@ class TrainingCollected(Collected):
 
     def build(self) -> None:
         """Make the collector and let it deliver one batch."""
-        self._collector = Collector(
-            self._world(),
-            self._drawing(),
-            frames_per_batch=self._frames,
-            total_frames=-1,
-            no_cuda_sync=True,
-            track_traj_ids=False,
-            trust_policy=True,
-            auto_register_policy_transforms=False,
-        )
-        self._batch = iter(self._collector)
-        next(self._batch)
+        self._collect(self._world(), self._drawing(), track_traj_ids=False, trust_policy=True)
 
     def _world(self) -> EnvBase:
         norm, known = RunningNorm(), controller(self._gait).normalizer()

@@ -181,27 +181,17 @@ class _Update:
 
 def _normalized_env() -> Any:
     """Return Hopper with the example's transforms."""
-    from torchrl.envs import (
-        ClipTransform,
-        Compose,
-        DoubleToFloat,
-        GymEnv,
-        RewardSum,
-        StepCounter,
-        TransformedEnv,
-        VecNormV2,
-    )
+    from torchrl import envs
 
-    return TransformedEnv(
-        GymEnv(TASK),
-        Compose(
-            VecNormV2(in_keys=["observation"], decay=0.99999, eps=1e-2),
-            ClipTransform(in_keys=["observation"], low=-10, high=10),  # type: ignore[call-arg]
-            RewardSum(),
-            StepCounter(),
-            DoubleToFloat(in_keys=["observation"]),
-        ),
+    seen = ["observation"]
+    transforms = envs.Compose(
+        envs.VecNormV2(in_keys=seen, decay=0.99999, eps=1e-2),
+        envs.ClipTransform(in_keys=seen, low=-10, high=10),  # type: ignore[call-arg]
+        envs.RewardSum(),
+        envs.StepCounter(),
+        envs.DoubleToFloat(in_keys=seen),
     )
+    return envs.TransformedEnv(envs.GymEnv(TASK), transforms)
 
 
 def _networks(env: Any) -> tuple[Any, Any]:
