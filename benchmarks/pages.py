@@ -34,20 +34,9 @@ JSON = (  # types of Python, and what they are in a file
     (r" \| None", " or null"),
 )
 REPORT = (  # classes of report.json, outermost first
-    schema.Report,
-    schema.GapMetrics,
-    schema.WholeReplay,
-    schema.JointGap,
-    schema.Regime,
-    schema.Cause,
-    schema.Equivalent,
-    schema.Deviation,
-    schema.Unexplained,
-    schema.Finding,
-    schema.ClosedLoop,
-    schema.Distance,
-    schema.Returns,
-    schema.Estimate,
+    *(schema.Report, schema.GapMetrics, schema.WholeReplay, schema.JointGap, schema.Regime),
+    *(schema.Cause, schema.Equivalent, schema.Deviation, schema.Unexplained, schema.Finding),
+    *(schema.ClosedLoop, schema.Distance, schema.Returns, schema.Estimate),
 )
 
 

@@ -264,12 +264,6 @@ def draw(rows: Sequence[dict[str, Any]], axes: Any) -> None:
 
 WIDE = 70  # letters of a label
 OWN = (
-    "batched_env",
-    "collector",
-    "es_population",
-    "ppo_same",
-    "ppo_tuned",
-    "pixels_gl",
-    "pixels_rays",
-    "diagnose",
+    *("batched_env", "collector", "es_population", "ppo_same", "ppo_tuned"),
+    *("pixels_gl", "pixels_rays", "diagnose"),
 )

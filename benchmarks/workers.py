@@ -22,9 +22,8 @@ Kind = Literal["torch", "numpy"]
 class Member(NamedTuple):
     """One episode to run: a policy on a robot from a state."""
 
-    layers: tuple[
-        np.ndarray, ...
-    ]  # weights (in, out) and biases (out,) in turn, normalization folded in; float32
+    # weights (in, out) and biases (out,) in turn, normalization folded in; float32
+    layers: tuple[np.ndarray, ...]
     torso_mass: float  # kg
     friction: float  # of foot and ground
     qpos: np.ndarray  # (nq,)

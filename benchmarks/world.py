@@ -116,9 +116,8 @@ def controller(gait: Gait) -> Controller:
 def _widened(rng: np.random.Generator, weights: np.ndarray, bias: np.ndarray) -> np.ndarray:
     """Return the network that does what a linear policy does where tanh is linear, (P,)."""
     size = len(weights)
-    first = (
-        np.linalg.qr(rng.standard_normal((WIDTH, size)))[0].T * LINEAR * np.sqrt(WIDTH / size)
-    )  # (O, 64)
+    first = np.linalg.qr(rng.standard_normal((WIDTH, size)))[0].T  # (O, 64)
+    first = first * LINEAR * np.sqrt(WIDTH / size)
     second = np.linalg.qr(rng.standard_normal((WIDTH, WIDTH)))[0]  # (64, 64)
     last = np.linalg.pinv(first @ second) @ weights  # (64, A)
     flat = (first, np.zeros(WIDTH), second, np.zeros(WIDTH), last, bias)

@@ -38,19 +38,19 @@ class Study:
         return ASSETS / self.model
 
 
+def _published(*figures: tuple[float, float]) -> dict[str, tuple[float, float]]:
+    """Return the seed's figures of uniform randomization and of EASI with 1 to 200 trajectories."""
+    rows = ("udr", "easi_1", "easi_50", "easi_100", "easi_200")
+    return dict(zip(rows, figures, strict=True))
+
+
 STUDIES: dict[str, Study] = {
     "cartpole": Study(
         CartPole,
         "easi_cartpole",
         "cartpole.xml",
         "cartpole",
-        {
-            "udr": (161.3, 15.3),
-            "easi_1": (185.1, 3.1),
-            "easi_50": (182.7, 2.7),
-            "easi_100": (181.1, 4.4),
-            "easi_200": (182.9, 4.3),
-        },
+        _published((161.3, 15.3), (185.1, 3.1), (182.7, 2.7), (181.1, 4.4), (182.9, 4.3)),
         ("identify.score.updates=10",),  # half of the other tasks', as published
     ),
     "ant": Study(
@@ -58,13 +58,7 @@ STUDIES: dict[str, Study] = {
         "easi_ant_ppo",
         "easi_ant.xml",
         "easi_ant",
-        {
-            "udr": (557.4, 55.6),
-            "easi_1": (724.2, 7.5),
-            "easi_50": (747.0, 25.0),
-            "easi_100": (703.1, 63.1),
-            "easi_200": (724.0, 31.5),
-        },
+        _published((557.4, 55.6), (724.2, 7.5), (747.0, 25.0), (703.1, 63.1), (724.0, 31.5)),
         ("identify.search.population=100",),  # a third of the published
     ),
     "ball_balance": Study(
@@ -72,13 +66,7 @@ STUDIES: dict[str, Study] = {
         "easi_ball_balance_ppo",
         "ball_balance.xml",
         "ball_balance",
-        {
-            "udr": (226.9, 61.7),
-            "easi_1": (360.1, 53.8),
-            "easi_50": (421.3, 26.1),
-            "easi_100": (428.5, 16.9),
-            "easi_200": (393.1, 60.5),
-        },
+        _published((226.9, 61.7), (360.1, 53.8), (421.3, 26.1), (428.5, 16.9), (393.1, 60.5)),
         ("identify.search.population=100",),  # a third of the published
     ),
     "quad8": Study(  # in the place of the seed's Go2, whose return is another one
@@ -86,13 +74,7 @@ STUDIES: dict[str, Study] = {
         "quad8_es",
         "quad8.xml",
         "quad8_servos",
-        {
-            "udr": (0.62, 0.25),
-            "easi_1": (0.44, 0.28),
-            "easi_50": (0.80, 0.06),
-            "easi_100": (0.72, 0.05),
-            "easi_200": (0.78, 0.02),
-        },
+        _published((0.62, 0.25), (0.44, 0.28), (0.80, 0.06), (0.72, 0.05), (0.78, 0.02)),
         target="servos",
         rows=("udr", "oracle", "easi_1", "easi_50", "easi_100", "easi_200"),
         words={"udr": "the ranges of params=quad8_servos", "oracle": "what the robot hides"},

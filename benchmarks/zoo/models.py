@@ -14,30 +14,15 @@ import mujoco
 from envs.models import load_spec
 
 ASSETS = Path(__file__).parents[2] / "envs" / "assets"
-GYMNASIUM = [
-    "ant",
-    "half_cheetah",
-    "hopper",
-    "humanoid",
-    "humanoidstandup",
-    "inverted_double_pendulum",
-    "inverted_pendulum",
-    "pusher_v5",
-    "reacher",
-    "swimmer",
-    "walker2d_v5",
-]
-OURS = [
-    "arm2",
-    "arm6",
-    "bench1",
-    "hopper2",
-    "pair2",
-    "quad8",
-    "exam/arm3",
-    "exam/leg2",
-    "exam/pendulum",
-]
+GYMNASIUM = (
+    *("ant", "half_cheetah", "hopper", "humanoid", "humanoidstandup"),
+    *("inverted_double_pendulum", "inverted_pendulum", "pusher_v5", "reacher", "swimmer"),
+    *("walker2d_v5",),
+)
+OURS = (
+    *("arm2", "arm6", "bench1", "hopper2", "pair2", "quad8"),
+    *("exam/arm3", "exam/leg2", "exam/pendulum"),
+)
 DRAKE = {  # of its examples: file, and the position servos that it is given
     "pendulum/Pendulum": "theta: {kp: 8.0, kv: 0.5}",
     "acrobot/Acrobot": "shoulder: {kp: 60.0, kv: 4.0}\nelbow: {kp: 40.0, kv: 3.0}",

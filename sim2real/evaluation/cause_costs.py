@@ -22,15 +22,8 @@ import yaml
 from envs.effects import Effect, load_effects
 from envs.effects.base import PLAIN, RULES
 from envs.params import ParamSpace
-from sim2real.evaluation.shapley import (
-    Order,
-    Set,
-    coalitions,
-    marginal_contributions,
-    permutation_prefixes,
-    sample_permutations,
-    shapley,
-)
+from sim2real.evaluation import shapley
+from sim2real.evaluation.shapley import Order, Set
 from sim2real.learning.environment import EnvironmentFactory
 from sim2real.learning.population.population import draw_seeds
 from sim2real.learning.trained import TrainedPolicy
@@ -305,11 +298,9 @@ def compute_cause_costs(
     count, rng = len(causes), np.random.default_rng([seed, INTERVALS])
     drawn: list[Order] = []
     if count > EXACT_MAX:
-        drawn = sample_permutations(count, orders, np.random.default_rng([seed, ORDERS]))
-    ends = _ends(count)
-    robots = list(
-        dict.fromkeys([*(permutation_prefixes(drawn) if drawn else coalitions(count)), *ends])
-    )
+        drawn = shapley.sample_permutations(count, orders, np.random.default_rng([seed, ORDERS]))
+    robots = shapley.permutation_prefixes(drawn) if drawn else shapley.coalitions(count)
+    robots = list(dict.fromkeys([*robots, *_ends(count)]))
     game = CoalitionRollouts(trained, causes, episodes, seed)
     outcomes = game.play(robots, report)
     nothing, everything = frozenset[int](), frozenset(range(count))
@@ -323,9 +314,10 @@ def compute_cause_costs(
     costs, alone, last = {}, {}, {}
     for name in MEASURES:
         values = {robot: SIGNS[name] * one.measure(name) for robot, one in outcomes.items()}
-        shares = (
-            marginal_contributions(values, drawn).mean(axis=0) if drawn else shapley(values, count)
-        )
+        if drawn:
+            shares = shapley.marginal_contributions(values, drawn).mean(axis=0)
+        else:
+            shares = shapley.shapley(values, count)
         costs[name] = [interval(share) for share in shares]
         alone[name] = [interval(values[frozenset({i})] - values[nothing]) for i in range(count)]
         last[name] = [interval(values[everything] - values[everything - {i}]) for i in range(count)]

@@ -130,34 +130,17 @@ def grid_line(
     with figure(path, 1, 1, (6.0, 3.6)) as (_, axes):
         ax = axes[0, 0]
         if axis.parameter in scores.box:
-            ax.axvspan(
-                *scores.box[axis.parameter],
-                color=BOX,
-                alpha=0.08,
-                linewidth=0,
-                label="training range",
-            )
+            ends = scores.box[axis.parameter]
+            ax.axvspan(*ends, color=BOX, alpha=0.08, linewidth=0, label="training range")
         for colour, (name, values) in zip(cycle(len(lines)), lines.items(), strict=True):
             units = scores.units(values)  # (n, C)
-            ax.plot(
-                axis.values,
-                units.mean(axis=0),
-                color=colour,
-                marker="o",
-                markersize=3.5,
-                label=name,
-            )
+            means = units.mean(axis=0)
+            ax.plot(axis.values, means, color=colour, marker="o", markersize=3.5, label=name)
             if len(units) > 1:
                 cells = [
                     bootstrap(u[:, None], mean, rng, draws=draws, resample="rows") for u in units.T
                 ]
-                ax.fill_between(
-                    axis.values,
-                    [c.low for c in cells],
-                    [c.high for c in cells],
-                    color=colour,
-                    alpha=0.2,
-                    linewidth=0,
-                )
+                low, high = [c.low for c in cells], [c.high for c in cells]
+                ax.fill_between(axis.values, low, high, color=colour, alpha=0.2, linewidth=0)
         finish(ax, label(parameter), "Mean return")
         ax.legend(loc="best")

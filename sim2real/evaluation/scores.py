@@ -148,12 +148,10 @@ class GridScores:
         """Return one row for each run, cell and adaptation."""
         columns = ("run", "cell", *self.grid.names, "adaptation", *MEASURES)
         table = Table((*columns, "episodes", "adaptation_episodes"))
-        measures = np.stack(
-            [self.before, self.before_sd, self.after, self.after_sd], axis=-1
-        )  # (R, C, A, 4)
+        measures = (self.before, self.before_sd, self.after, self.after_sd)  # (R, C, A) each
         cells = self.grid.cells().tolist()
         for r, c, a in np.ndindex(self.before.shape):
-            numbers = [f"{x:.10g}" for x in measures[r, c, a]]
+            numbers = [f"{x[r, c, a]:.10g}" for x in measures]
             spent = (self.episodes, self.adaptation_episodes)
             table.add(self.runs[r], c, *cells[c], a, *numbers, *spent)
         return table.csv()

@@ -16,11 +16,8 @@ from sim2real.runs.statistics import Interval, bootstrap, iqm
 
 INK, BAR, EDGE = plots.INK, plots.COLOURS[0], plots.COLOURS[1]
 KL = "train/kl"
-DRAWN = (
-    "sweep_*.png",
-    "learning_curves*.png",
-    "divergence_*.png",
-)  # names of pictures, and of no others
+# names of pictures, and of no others
+DRAWN = ("sweep_*.png", "learning_curves*.png", "divergence_*.png")
 CURVES = len(plots.COLOURS)  # lines that one picture can distinguish
 
 

@@ -20,9 +20,8 @@ from sim2real.runs.tables import Table
 
 DRAWS = 200  # of each posterior; ranks go from 0 to this
 ALARM = 0.01  # a p below is a posterior that is not calibrated: one right one in a hundred
-Ranks = Callable[
-    [np.ndarray, np.ndarray, int], np.ndarray
-]  # truths (n, P), summaries (n, K), draws
+# of truths (n, P), summaries (n, K), draws
+Ranks = Callable[[np.ndarray, np.ndarray, int], np.ndarray]
 
 
 class Calibration(NamedTuple):
