@@ -140,15 +140,14 @@ class Collected(Row):
         self._batch = iter(self._collector)
         next(self._batch)
 
-    def run(self) -> Timing:
-        """Time some batches."""
+    def work(self) -> tuple[float, int]:
+        """Take some batches."""
         steps = episodes = 0
-        begin = time.perf_counter()
         for _ in range(self._batches):
             batch = next(self._batch)
             steps += batch.numel()
             episodes += int(batch["next", "done"].sum())
-        return Timing(steps, time.perf_counter() - begin, episodes)
+        return steps, episodes
 
     def close(self) -> None:
         """End the collector and its environment."""

@@ -4,7 +4,6 @@ Stable-Baselines3 runs as `PPO("MlpPolicy", "Hopper-v5")` does, on the CPU with 
 which it is fastest beside nothing else. Each row goes on training from where its last run stopped.
 """
 
-import time
 from collections.abc import Iterator
 from importlib import import_module
 from itertools import chain
@@ -14,7 +13,7 @@ from typing import Any, Literal
 import torch
 from torch import nn
 
-from benchmarks.rows.base import Row, Timing
+from benchmarks.rows.base import Row
 from benchmarks.rows.others import TASK
 from sim2real.config.compose import compose, instantiate
 from sim2real.learning.algorithms.base import build
@@ -69,12 +68,12 @@ class Ours(Row):
         assert isinstance(self._learner, SAC)  # whose presets alone count updates
         return self._learner.updates
 
-    def run(self) -> Timing:
+    def work(self) -> tuple[float, int]:
         """Iterate on."""
-        start, begin = self._count(), time.perf_counter()
+        start = self._count()
         while self._count() - start < self._amount:
             self._learner.iterate()
-        return Timing(self._count() - start, time.perf_counter() - begin, 0)
+        return self._count() - start, 0
 
 
 class StableBaselines3(Row):
@@ -94,11 +93,11 @@ class StableBaselines3(Row):
         self._learner = maker("MlpPolicy", TASK, device="cpu", seed=0)
         self._learner.learn(150 if self._algorithm == "SAC" else BATCH)
 
-    def run(self) -> Timing:
+    def work(self) -> tuple[float, int]:
         """Learn on."""
-        before, begin = self._learner.num_timesteps, time.perf_counter()
+        before = self._learner.num_timesteps
         self._learner.learn(self._amount, reset_num_timesteps=False)
-        return Timing(self._learner.num_timesteps - before, time.perf_counter() - begin, 0)
+        return self._learner.num_timesteps - before, 0
 
     def close(self) -> None:
         """Close the environment."""
@@ -126,13 +125,13 @@ class TorchRLPPO(Row):
         self._update = _Update(actor, critic)
         self._update(next(self._batches))
 
-    def run(self) -> Timing:
+    def work(self) -> tuple[float, int]:
         """Iterate on."""
-        steps, begin = 0, time.perf_counter()
+        steps = 0
         while steps < self._amount:
             self._update(next(self._batches))
             steps += BATCH
-        return Timing(steps, time.perf_counter() - begin, 0)
+        return steps, 0
 
     def close(self) -> None:
         """Close the environment."""

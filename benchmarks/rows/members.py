@@ -5,7 +5,6 @@ passes, with its networks; the steps are random numbers, which cost what those o
 update is a gradient step of a member.
 """
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from torch import nn
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
-from benchmarks.rows.base import Row, Timing
+from benchmarks.rows.base import Row
 from sim2real.config.compose import compose, instantiate
 from sim2real.learning.adapt import PPOAdaptation
 from sim2real.learning.adapt.batched_ppo import BlockedPPO, RolloutBatch
@@ -66,13 +65,12 @@ class Members(Row):
         self._orders = torch.from_numpy(np.stack(orders))
         self._round = steps_of(self._members, adapt.steps)
         self._updates = adapt.epochs * -(-adapt.steps // adapt.minibatch_size)
-        self.run()
+        self.work()
 
-    def run(self) -> Timing:
+    def work(self) -> tuple[float, int]:
         """Learn a round."""
-        begin = time.perf_counter()
         self._learners.learn(self._round, self._orders)
-        return Timing(self._members * self._updates, time.perf_counter() - begin, 0)
+        return self._members * self._updates, 0
 
 
 class MembersTorchRL(Row):
@@ -116,11 +114,9 @@ class MembersTorchRL(Row):
         self._rng = np.random.default_rng(0)
         self._learn()
 
-    def run(self) -> Timing:
+    def work(self) -> tuple[float, int]:
         """Let every member learn a round."""
-        begin = time.perf_counter()
-        updates = sum(self._learn() for _ in range(self._members))
-        return Timing(updates, time.perf_counter() - begin, 0)
+        return sum(self._learn() for _ in range(self._members)), 0
 
     def _learn(self) -> int:
         """Learn a round; return the updates."""

@@ -3,7 +3,6 @@
 None of them randomizes physics here: it is left out in their favour.
 """
 
-import time
 from typing import Any
 
 import gymnasium
@@ -12,7 +11,7 @@ import torch
 from torchrl.envs import GymEnv, ParallelEnv
 
 from benchmarks.load import process_tree
-from benchmarks.rows.base import Row, Timing
+from benchmarks.rows.base import Row
 from benchmarks.rows.batched import Actor
 from benchmarks.world import THREADS, Gait, controller
 
@@ -36,10 +35,9 @@ class GymnasiumTorch(Row):
         self._observation, _ = self._env.reset(seed=0)
 
     @torch.no_grad()
-    def run(self) -> Timing:
+    def work(self) -> tuple[float, int]:
         """Step on from where the last run stopped."""
         observation, episodes = self._observation, 0
-        begin = time.perf_counter()
         for _ in range(self._steps):
             action = self._network(torch.from_numpy(observation).float()).numpy()
             observation, _, terminated, truncated, _ = self._env.step(action)
@@ -47,7 +45,7 @@ class GymnasiumTorch(Row):
                 observation, _ = self._env.reset()
                 episodes += 1
         self._observation = observation
-        return Timing(self._steps, time.perf_counter() - begin, episodes)
+        return self._steps, episodes
 
     def close(self) -> None:
         """Close the environment."""
@@ -74,11 +72,9 @@ class Vectorized(Row):
         self._observation, _ = self._env.reset()
         self._play(60)
 
-    def run(self) -> Timing:
+    def work(self) -> tuple[float, int]:
         """Step on from where the last run stopped."""
-        begin = time.perf_counter()
-        episodes = self._play(self._steps)
-        return Timing(self._steps * self.simulations, time.perf_counter() - begin, episodes)
+        return self._steps * self.simulations, self._play(self._steps)
 
     @torch.no_grad()
     def _play(self, steps: int) -> int:
@@ -124,21 +120,17 @@ class TorchRLParallel(Row):
     def build(self) -> None:
         """Start the workers."""
         before = process_tree()
-        self._env, self._actor = (
-            ParallelEnv(THREADS, _gym_env, mp_start_method="spawn"),
-            Actor(self._gait),
-        )
+        self._env = ParallelEnv(THREADS, _gym_env, mp_start_method="spawn")
+        self._actor = Actor(self._gait)
         with torch.no_grad():
             self._tensordict = self._env.reset()
             self._play(20)
         self._pids = [one.pid for one in process_tree() if one not in before]
 
     @torch.no_grad()
-    def run(self) -> Timing:
+    def work(self) -> tuple[float, int]:
         """Step on from where the last run stopped."""
-        begin = time.perf_counter()
-        episodes = self._play(self._steps)
-        return Timing(self._steps * THREADS, time.perf_counter() - begin, episodes)
+        return self._steps * THREADS, self._play(self._steps)
 
     def _play(self, steps: int) -> int:
         ended = []

@@ -1,13 +1,12 @@
 """Environment steps whose observation is an image of 84 x 84, under random actions."""
 
 import os
-import time
 
 import numpy as np
 import torch
 from torchrl.envs import EnvBase, GymEnv
 
-from benchmarks.rows.base import Row, Timing
+from benchmarks.rows.base import Row
 from envs.errors import RenderError
 from envs.pixels.env import PixelsEnv
 from envs.pixels.library import library
@@ -48,11 +47,9 @@ class Pixels(Row):
         self._play(2)
 
     @torch.no_grad()
-    def run(self) -> Timing:
+    def work(self) -> tuple[float, int]:
         """Step on from where the last run stopped."""
-        begin = time.perf_counter()
-        episodes = self._play(self._steps)
-        return Timing(self._steps * self.simulations, time.perf_counter() - begin, episodes)
+        return self._steps * self.simulations, self._play(self._steps)
 
     def _play(self, steps: int) -> int:
         episodes = 0

@@ -200,12 +200,10 @@ class TwoProcesses(Row):
         )
         self._pool.map(workers.evaluate, self._members[: 4 * THREADS], chunksize=1)
 
-    def run(self) -> Timing:
+    def work(self) -> tuple[float, int]:
         """Evaluate them once; whichever worker is free takes the next."""
-        begin = time.perf_counter()
         outcomes = list(self._pool.imap_unordered(workers.evaluate, self._members))
-        steps = sum(outcome.steps for outcome in outcomes)
-        return Timing(steps, time.perf_counter() - begin, len(outcomes))
+        return sum(outcome.steps for outcome in outcomes), len(outcomes)
 
     def pids(self) -> list[int]:
         """Return the workers."""
