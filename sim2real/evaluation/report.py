@@ -12,6 +12,7 @@ policy say nothing about the next.
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,57 +26,93 @@ DRAWS = 5000  # resamples of each interval
 FIGURES = "figures"
 
 
-def main_table(study: Study, baseline: str | None, seed: int) -> Table:
-    """Return a row for each group: what it gets on each robot, and what the study got there."""
-    meant = study.robots[-1]
-    compared = [f"P(better than {baseline} on {meant})"] if baseline else []
-    columns = ["experiment", "trained on", "runs", "steps"]
-    studied = [f"the study: {robot}" for robot in study.robots]
-    table = Table([*columns, *(f"IQM on {r}" for r in study.robots), *compared, *studied])
-    for group, budget in _shown(study):
-        middle = [
-            iqm_with_interval(study.returns(group, robot, budget), seed) for robot in study.robots
-        ]
-        chance = [_chance(study, group, baseline, meant, seed, budget)] if baseline else []
-        figures = [_figure_words(group, robot) for robot in study.robots]
-        own = (group.label, group.trained_on, *_size(group, budget))
-        table.add(*own, *middle, *chance, *figures)
-    return table
+@dataclass(frozen=True)
+class Report:
+    """What the runs of a study say, compared with a baseline."""
 
+    study: Study  # the groups of runs
+    baseline: str | None  # the experiment that every row is compared with; None for no comparison
+    seed: int  # of the bootstrap
 
-def _shown(study: Study) -> list[tuple[Group, int]]:
-    return [(group, budget) for group in study.groups for budget in group.reported_budgets()]
+    def main_table(self) -> Table:
+        """Return a row for each group: what it gets on each robot, and what the study got there."""
+        robots = self.study.robots
+        columns = ["experiment", "trained on", "runs", "steps", *(f"IQM on {r}" for r in robots)]
+        compared = [f"P(better than {self.baseline} on {robots[-1]})"] if self.baseline else []
+        table = Table([*columns, *compared, *(f"the study: {robot}" for robot in robots)])
+        for group, budget in _shown(self.study):
+            returns = [self.study.returns(group, robot, budget) for robot in robots]
+            chance = [self._chance(group, robots[-1], budget)] if self.baseline else []
+            figures = [_figure_words(group, robot) for robot in robots]
+            own = (group.label, group.trained_on, *_size(group, budget))
+            table.add(*own, *map(self._iqm, returns), *chance, *figures)
+        return table
 
+    def pair_table(self, trained: str | None, tested: str) -> Table:
+        """Return a row for each group that was trained on one robot, tested on another."""
+        columns = ["experiment", "runs", "steps", "IQM", "mean", "sd over runs", "sd over episodes"]
+        compared = [f"P(better than {self.baseline})"] if self.baseline else []
+        table = Table([*columns, *compared, "the study: mean", "its sd over episodes"])
+        for group, budget in _shown(self.study):
+            if group.trained_on == trained:
+                chance = [self._chance(group, tested, budget)] if self.baseline else []
+                numbers = self._numbers(group, tested, budget)
+                own = (group.label, *_size(group, budget))
+                table.add(*own, *numbers, *chance, *_figure(group, tested))
+        return table
 
-def pair_table(
-    study: Study, trained: str | None, tested: str, baseline: str | None, seed: int
-) -> tuple[str, Table]:
-    """Return title and table of the groups that were trained on one robot and tested on another."""
-    columns = ["experiment", "runs", "steps", "IQM", "mean", "sd over runs", "sd over episodes"]
-    compared = [f"P(better than {baseline})"] if baseline else []
-    table = Table([*columns, *compared, "the study: mean", "its sd over episodes"])
-    for group, budget in _shown(study):
-        if group.trained_on == trained:
-            chance = [_chance(study, group, baseline, tested, seed, budget)] if baseline else []
-            numbers = _numbers(study, group, tested, seed, budget)
-            own = (group.label, *_size(group, budget))
-            table.add(*own, *numbers, *chance, *_figure(group, tested))
-    return f"{trained or 'another robot'} → {tested}", table
+    def long_table(self) -> Table:
+        """Return a row for each group, budget and robot."""
+        columns = ("experiment", "trained on", "tested on", "runs", "steps")
+        numbers = ("IQM", "mean", "sd over runs", "sd over episodes", "P(improvement)")
+        table = Table((*columns, *numbers, "study mean", "study sd"))
+        for group in self.study.groups:
+            for budget in sorted(group.runs):
+                for robot in self.study.robots:
+                    cells = self._numbers(group, robot, budget)
+                    chance = self._chance(group, robot, budget)
+                    own = (group.label, group.trained_on, robot, *_size(group, budget))
+                    table.add(*own, *cells, chance, *_figure(group, robot))
+        return table
 
+    def markdown(
+        self, runs: Sequence[Run], claims: Table, pictures: Sequence[tuple[str, str]]
+    ) -> str:
+        """Return the report as Markdown."""
+        table = self.main_table().markdown().strip()
+        parts = [f"# Transfer: {self.study.task}", table, _note(self.study, runs)]
+        parts += [f"![{text}]({path})\n\n*{text}.*" for path, text in pictures]
+        if claims.rows:
+            parts += ["## What was expected", claims.markdown().strip()]
+        for trained, tested in robot_pairs(self.study):
+            table = self.pair_table(trained, tested).markdown().strip()
+            parts += [f"## {trained or 'another robot'} → {tested}", table]
+        return "\n\n".join(parts) + "\n"
 
-def long_table(study: Study, baseline: str | None, seed: int) -> Table:
-    """Return a row for each group, budget and robot."""
-    columns = ("experiment", "trained on", "tested on", "runs", "steps")
-    numbers = ("IQM", "mean", "sd over runs", "sd over episodes", "P(improvement)")
-    table = Table((*columns, *numbers, "study mean", "study sd"))
-    for group in study.groups:
-        for budget in sorted(group.runs):
-            for robot in study.robots:
-                cells = _numbers(study, group, robot, seed, budget)
-                chance = _chance(study, group, baseline, robot, seed, budget)
-                own = (group.label, group.trained_on, robot, *_size(group, budget))
-                table.add(*own, *cells, chance, *_figure(group, robot))
-    return table
+    def _iqm(self, values: np.ndarray) -> Interval | float:
+        """Return the interquartile mean of runs (n,), with an interval from two runs up."""
+        if len(values) < 2:
+            return float(iqm(values[:, None]))
+        rng = np.random.default_rng(self.seed)  # anew: a number has one interval in all tables
+        return bootstrap(values[:, None], iqm, rng, draws=DRAWS, resample="rows")
+
+    def _numbers(self, group: Group, robot: str, budget: int) -> list[Cell]:
+        values = self.study.returns(group, robot, budget)
+        spread = float(values.std(ddof=1)) if len(values) > 1 else None
+        every = [run.scores.returns[robot] for run in group.runs_at_budget(budget)]
+        within = float(np.mean([_spread(returns) for returns in every]))
+        return [self._iqm(values), float(values.mean()), spread, within]
+
+    def _chance(self, group: Group, robot: str, budget: int) -> Interval | None:
+        """Return how probably a run of the group beats one of the baseline after as many steps."""
+        others = self.study.find(self.baseline) if self.baseline else []
+        if len(others) != 1 or others[0] is group or budget not in others[0].runs:
+            return None
+        mine, theirs = (self.study.returns(g, robot, budget)[:, None] for g in (group, others[0]))
+        if min(len(mine), len(theirs)) < 2:
+            return None
+        rng = np.random.default_rng(self.seed)
+        return probability_of_improvement(mine, theirs, rng, draws=DRAWS)
 
 
 def claims_table(study: Study, verdicts: Sequence[ClaimResult]) -> Table:
@@ -112,34 +149,8 @@ def returns_csv(study: Study) -> str:
     return table.csv()
 
 
-def iqm_with_interval(values: np.ndarray, seed: int) -> Interval | float:
-    """Return the interquartile mean of runs (n,), with an interval from two runs up."""
-    if len(values) < 2:
-        return float(iqm(values[:, None]))
-    rng = np.random.default_rng(seed)  # reseeded, so that a number has one interval in all tables
-    return bootstrap(values[:, None], iqm, rng, draws=DRAWS, resample="rows")
-
-
-def _numbers(study: Study, group: Group, robot: str, seed: int, budget: int) -> list[Cell]:
-    values = study.returns(group, robot, budget)
-    spread = float(values.std(ddof=1)) if len(values) > 1 else None
-    within = float(
-        np.mean([_spread(r.scores.returns[robot]) for r in group.runs_at_budget(budget)])
-    )
-    return [iqm_with_interval(values, seed), float(values.mean()), spread, within]
-
-
-def _chance(
-    study: Study, group: Group, baseline: str | None, robot: str, seed: int, budget: int
-) -> Interval | None:
-    """Return how probably a run of the group beats one of the baseline after as many steps."""
-    others = study.find(baseline) if baseline else []
-    if len(others) != 1 or others[0] is group or budget not in others[0].runs:
-        return None
-    mine, theirs = (study.returns(g, robot, budget)[:, None] for g in (group, others[0]))
-    if min(len(mine), len(theirs)) < 2:
-        return None
-    return probability_of_improvement(mine, theirs, np.random.default_rng(seed), draws=DRAWS)
+def _shown(study: Study) -> list[tuple[Group, int]]:
+    return [(group, budget) for group in study.groups for budget in group.reported_budgets()]
 
 
 def _size(group: Group, budget: int) -> tuple[int, float]:
@@ -173,24 +184,6 @@ def robot_pairs(study: Study) -> list[tuple[str | None, str]]:
     order = [robot for robot in study.robots if robot in trained]
     return [(one, other) for one in [*order, *(t for t in trained if t not in order)]
             for other in study.robots]  # fmt: skip
-
-
-def render_markdown(
-    study: Study,
-    runs: Sequence[Run],
-    main: Table,
-    tables: Sequence[tuple[str, Table]],
-    claims: Table,
-    pictures: Sequence[tuple[str, str]],
-) -> str:
-    """Return the report as Markdown."""
-    parts = [f"# Transfer: {study.task}", main.markdown().strip(), _note(study, runs)]
-    parts += [f"![{text}]({path})\n\n*{text}.*" for path, text in pictures]
-    if claims.rows:
-        parts += ["## What was expected", claims.markdown().strip()]
-    for title, table in tables:
-        parts += [f"## {title}", table.markdown().strip()]
-    return "\n\n".join(parts) + "\n"
 
 
 def _note(study: Study, runs: Sequence[Run]) -> str:

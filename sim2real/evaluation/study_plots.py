@@ -1,10 +1,11 @@
 """Pictures of a report: bars over each sweep of numbers, and learning curves of the others.
 
-pictures = draw(study, "ppo_source", out, draws=2000, seed=0)
+pictures = Pictures(study, "ppo_source", out, draws=2000, seed=0).draw()
 pictures[0]                 # ("plots/sweep_udr.png", "udr over width, after 300,000 steps; ...")
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,97 +22,96 @@ DRAWN = ("sweep_*.png", "learning_curves*.png", "divergence_*.png")
 CURVES = len(plots.COLOURS)  # lines that one picture can distinguish
 
 
-def draw(
-    study: Study, baseline: str | None, out: Path, draws: int, seed: int
-) -> list[tuple[str, str]]:
-    """Draw every picture that the runs allow.
+@dataclass(frozen=True)
+class Pictures:
+    """The pictures that the runs of a study allow."""
 
-    Args:
-        study: the runs.
-        baseline: the experiment that each sweep is compared with.
-        out: the report's folder.
-        draws: resamples of each interval.
-        seed: the seed of the resamples.
+    study: Study  # the runs
+    baseline: str | None  # the experiment that each sweep is compared with
+    out: Path  # the report's folder
+    draws: int  # resamples of each interval
+    seed: int  # the seed of the resamples
 
-    Returns:
-        Their paths below `out` and captions.
-    """
-    pictures, barred = [], set()
-    for experiment in dict.fromkeys(group.experiment for group in study.groups):
-        groups = study.find(experiment)
-        keys = list(groups[0].swept)
-        values = [next(iter(group.swept.values()), None) for group in groups]
-        if len(keys) == 1 and len(groups) > 1 and all(_is_number(value) for value in values):
-            pictures.append(_sweep(study, groups, keys[0], baseline, out, draws, seed))
-            barred.add(experiment)
-    rest = [group for group in study.groups if group.experiment not in barred and _curves(group)]
-    for kind, main in _kinds(rest, baseline).items():
-        lines = [line for group in main for line in _lines(group)]
-        for part in range(0, len(lines), CURVES):
-            some = dict(lines[part : part + CURVES])
-            pictures += _learning(some, f"{kind}{part or ''}", out, draws, seed)
-    for old in list_figures(out) - {out / place for place, _ in pictures}:
-        old.unlink()  # of fewer runs
-    return pictures
+    def draw(self) -> list[tuple[str, str]]:
+        """Draw them all, and return their paths below `out` and captions."""
+        pictures, barred = [], set()
+        for experiment in dict.fromkeys(group.experiment for group in self.study.groups):
+            groups = self.study.find(experiment)
+            keys = list(groups[0].swept)
+            values = [next(iter(group.swept.values()), None) for group in groups]
+            if len(keys) == 1 and len(groups) > 1 and all(_is_number(value) for value in values):
+                pictures.append(self._sweep(groups, keys[0]))
+                barred.add(experiment)
+        rest = [g for g in self.study.groups if g.experiment not in barred and _curves(g)]
+        for kind, main in _kinds(rest, self.baseline).items():
+            lines = [line for group in main for line in _lines(group)]
+            for part in range(0, len(lines), CURVES):
+                some = dict(lines[part : part + CURVES])
+                pictures += self._learning(some, f"{kind}{part or ''}")
+        for old in list_figures(self.out) - {self.out / place for place, _ in pictures}:
+            old.unlink()  # of fewer runs
+        return pictures
+
+    def _sweep(self, groups: Sequence[Group], key: str) -> tuple[str, str]:
+        """Draw bars over a sweep on each robot, between the baseline and training on that robot."""
+        rng, robots = np.random.default_rng(self.seed), self.study.robots
+        budget = max(set.intersection(*(set(group.runs) for group in groups)), default=None)
+        experiment = groups[0].experiment
+        name, place = key.rpartition(".")[2], f"plots/sweep_{experiment}.png"
+        size = ((0.4 * (len(groups) + 2) + 1.0) * len(robots), 3.6)  # inches
+        with plots.figure(self.out / place, 1, len(robots), size) as (_, axes):
+            for ax, robot in zip(axes[0], robots, strict=True):
+                bars = self._bars(groups, robot, budget)
+                for x, (_, values, colour) in enumerate(bars):
+                    _bar(ax, x, values, colour, self.draws, rng)
+                labels = [label for label, _, _ in bars]
+                ax.set_xticks(range(len(bars)), labels, rotation=50, ha="right")
+                ax.set_title(f"tested on {robot}")
+                ax.set_xlabel(f"{experiment}: {name}")
+                ax.grid(axis="y")
+            axes[0, 0].set_ylabel("Return (IQM over runs)")
+            top = max(ax.get_ylim()[1] for ax in axes[0])
+            for ax in axes[0]:
+                ax.set_ylim(top=top)
+        after = "after different numbers of steps" if budget is None else f"after {budget:,} steps"
+        return place, f"{experiment} over {name}, {after}; dots are runs, lines 95 % intervals"
+
+    def _bars(
+        self, groups: Sequence[Group], robot: str, budget: int | None
+    ) -> list[tuple[str, np.ndarray, str]]:
+        returns = self.study.returns
+        bars = [
+            (_text(next(iter(group.swept.values()))), returns(group, robot, budget), BAR)
+            for group in groups
+        ]
+        reference = self.study.find(self.baseline) if self.baseline else []
+        other = [g for g in self.study.groups if g.trained_on != groups[0].trained_on]
+        above = [g for g in other if g.trained_on == robot]
+        for group in [*reference[:1], *above[:1]]:
+            where = 0 if group in reference else len(bars)
+            shared = budget if budget in group.runs else max(group.runs)
+            own = "" if shared == budget else f"\n({shared / 1000:.0f}k steps)"
+            bars.insert(where, (group.label + own, returns(group, robot, shared), EDGE))
+        return bars
+
+    def _learning(self, curves: dict[str, list[Path]], kind: str) -> list[tuple[str, str]]:
+        """Draw returns during training, and the divergences of updates where all have them."""
+        suffix = f"_{kind}" if kind else ""
+        how: Any = {"draws": self.draws, "seed": self.seed}
+        place = f"plots/learning_curves{suffix}.png"
+        plots.learning_curve(curves, self.out / place, **how)
+        pictures = [(place, "Return during training, mean over runs with 95 % intervals")]
+        files = [file for own in curves.values() for file in own]
+        if kind.startswith("settings") and all(_has(file, KL) for file in files):
+            place = f"plots/divergence{suffix}.png"
+            plots.learning_curve(curves, self.out / place, y=KL, **how)
+            pictures.append((place, "Divergence of the policy in an update"))
+        return pictures
 
 
 def list_figures(folder: Path) -> set[Path]:
     """Return the paths of a report's pictures in a folder."""
     return {path for name in DRAWN for path in (folder / "plots").glob(name)}
-
-
-def _sweep(
-    study: Study,
-    groups: Sequence[Group],
-    key: str,
-    baseline: str | None,
-    out: Path,
-    draws: int,
-    seed: int,
-) -> tuple[str, str]:
-    """Draw bars over a sweep on each robot, between the baseline and training on that robot."""
-    rng = np.random.default_rng(seed)
-    budget = max(set.intersection(*(set(group.runs) for group in groups)), default=None)
-    name, place = key.rpartition(".")[2], f"plots/sweep_{groups[0].experiment}.png"
-    width = 0.4 * (len(groups) + 2) + 1.0  # inches
-    with plots.figure(out / place, 1, len(study.robots), (width * len(study.robots), 3.6)) as (
-        _,
-        axes,
-    ):
-        for ax, robot in zip(axes[0], study.robots, strict=True):
-            bars = _bars(study, groups, baseline, robot, budget)
-            for x, (_, values, colour) in enumerate(bars):
-                _bar(ax, x, values, colour, draws, rng)
-            labels = [label for label, _, _ in bars]
-            ax.set_xticks(range(len(bars)), labels, rotation=50, ha="right")
-            ax.set_title(f"tested on {robot}")
-            ax.set_xlabel(f"{groups[0].experiment}: {name}")
-            ax.grid(axis="y")
-        axes[0, 0].set_ylabel("Return (IQM over runs)")
-        top = max(ax.get_ylim()[1] for ax in axes[0])
-        for ax in axes[0]:
-            ax.set_ylim(top=top)
-    after = "after different numbers of steps" if budget is None else f"after {budget:,} steps"
-    caption = f"{groups[0].experiment} over {name}, {after}; dots are runs, lines 95 % intervals"
-    return place, caption
-
-
-def _bars(
-    study: Study, groups: Sequence[Group], baseline: str | None, robot: str, budget: int | None
-) -> list[tuple[str, np.ndarray, str]]:
-    bars = [
-        (_text(next(iter(group.swept.values()))), study.returns(group, robot, budget), BAR)
-        for group in groups
-    ]
-    reference = study.find(baseline) if baseline else []
-    other = [g for g in study.groups if g.trained_on != groups[0].trained_on]
-    above = [g for g in other if g.trained_on == robot]
-    for group in [*reference[:1], *above[:1]]:
-        where = 0 if group in reference else len(bars)
-        shared = budget if budget in group.runs else max(group.runs)
-        label = group.label if shared == budget else f"{group.label}\n({shared / 1000:.0f}k steps)"
-        bars.insert(where, (label, study.returns(group, robot, shared), EDGE))
-    return bars
 
 
 def _bar(
@@ -156,21 +156,6 @@ def _lines(group: Group) -> list[tuple[str, list[Path]]]:
         (group.label if len(shown) == 1 else f"{group.label} to {budget:,}", _curves(group, budget))
         for budget in shown
     ]
-
-
-def _learning(
-    curves: dict[str, list[Path]], kind: str, out: Path, draws: int, seed: int
-) -> list[tuple[str, str]]:
-    """Draw the returns during training, and the divergences of the updates where all have them."""
-    suffix = f"_{kind}" if kind else ""
-    place = f"plots/learning_curves{suffix}.png"
-    plots.learning_curve(curves, out / place, draws=draws, seed=seed)
-    pictures = [(place, "Return during training, mean over runs with 95 % intervals")]
-    if kind.startswith("settings") and all(_has(f, KL) for files in curves.values() for f in files):
-        place = f"plots/divergence{suffix}.png"
-        plots.learning_curve(curves, out / place, y=KL, draws=draws, seed=seed)
-        pictures.append((place, "Divergence of the policy in an update"))
-    return pictures
 
 
 def _has(file: Path, column: str) -> bool:

@@ -6,19 +6,10 @@ Intervals resample whole runs, since episodes of one policy say nothing about th
 import logging
 from pathlib import Path
 
-from sim2real.evaluation import study_plots as report_plots
 from sim2real.evaluation.hypotheses import ClaimResult, evaluate_claim, load_claims
-from sim2real.evaluation.report import (
-    DRAWS,
-    claims_table,
-    long_table,
-    main_table,
-    pair_table,
-    render_markdown,
-    returns_csv,
-    robot_pairs,
-)
+from sim2real.evaluation.report import DRAWS, Report, claims_table, returns_csv
 from sim2real.evaluation.study import Study, collect
+from sim2real.evaluation.study_plots import Pictures
 from sim2real.runs.errors import Sim2RealError
 from sim2real.runs.files import write_text
 
@@ -50,16 +41,13 @@ def run(
     study = Study(found)
     study.groups.sort(key=lambda group: group.experiment != baseline)  # that one first
     verdicts = [evaluate_claim(claim, study, seed, DRAWS) for claim in load_claims(found)]
-    pictures = report_plots.draw(study, baseline, Path(out), DRAWS, seed)
-    tables = [pair_table(study, *pair, baseline, seed) for pair in robot_pairs(study)]
-    write_text(Path(out) / "report.csv", long_table(study, baseline, seed).csv())
+    pictures = Pictures(study, baseline, Path(out), DRAWS, seed).draw()
+    report = Report(study, baseline, seed)
+    write_text(Path(out) / "report.csv", report.long_table().csv())
     write_text(Path(out) / "returns.csv", returns_csv(study))
     claims = claims_table(study, verdicts)
     write_text(Path(out) / "claims.csv", claims.csv())
-    page = render_markdown(
-        study, found, main_table(study, baseline, seed), tables, claims, pictures
-    )
-    write_text(Path(out) / "report.md", page)
+    write_text(Path(out) / "report.md", report.markdown(found, claims, pictures))
     for verdict in verdicts:
         log.info("%s: %s (%s)", verdict.verdict, verdict.claim.text, verdict.found)
     log.info("report of %d evaluated runs: %s", len(found), Path(out) / "report.md")

@@ -11,9 +11,9 @@ import yaml
 from sim2real.config.catalogue import CONF, options
 from sim2real.config.compose import ConfigError, compose
 from sim2real.evaluation import report
-from sim2real.evaluation import study_plots as report_plots
 from sim2real.evaluation.hypotheses import Claim
 from sim2real.evaluation.study import Study, collect
+from sim2real.evaluation.study_plots import Pictures
 from sim2real.runs.errors import Sim2RealError
 from sim2real.verbs import report as verb
 from tests.sim2real.made_runs import make_run
@@ -81,7 +81,7 @@ def test_everything_that_it_promises_is_there(runs: Path, tmp_path: Path) -> Non
 def test_rows_say_what_runs_got_and_what_the_study_got(runs: Path) -> None:
     """A width's own figure, its interquartile mean, and how it compares with the baseline."""
     study = Study(collect([runs]))
-    table = report.long_table(study, "ppo_source", 0)
+    table = report.Report(study, "ppo_source", 0).long_table()
     found: dict[Any, dict[str, Any]]
     found = {(row[0], row[2]): dict(zip(table.columns, row, strict=True)) for row in table.rows}
     tenth = found["udr width=0.1", "target"]
@@ -99,7 +99,7 @@ def test_a_single_run_has_no_interval(tmp_path: Path) -> None:
     """It is shown with its value alone, and compared with nothing."""
     make_run(tmp_path, "ppo_source", 0, (1500, 1000))
     study = Study(collect([tmp_path]))
-    (row,) = report.main_table(study, "ppo_source", 0).rows
+    (row,) = report.Report(study, "ppo_source", 0).main_table().rows
     assert list(row) == ["ppo_source", "source", 1, 500_000, 1500, 1000, None, None, None]
 
 
@@ -110,7 +110,7 @@ def test_a_baseline_is_compared_after_the_same_steps(tmp_path: Path) -> None:
         make_run(tmp_path, "ppo_source", seed, (1, 1000))
         make_run(tmp_path, "udr", seed, (1, 1500), steps=300_000)
     study = Study(collect([tmp_path]))
-    table = report.main_table(study, "ppo_source", 0)
+    table = report.Report(study, "ppo_source", 0).main_table()
     assert [row[6] for row in table.rows] == [None, None]
 
 
@@ -121,7 +121,7 @@ def test_robots_and_settings_are_drawn_apart(tmp_path: Path) -> None:
         make_run(tmp_path, "ppo_source", seed, (10, 5), algorithm={"learning_rate": 3e-4})
         make_run(tmp_path, "ppo_lr3e3", seed, (5, 1), algorithm={"learning_rate": 3e-3})
         make_run(tmp_path, "ndr", seed, (9, 8), algorithm={"learning_rate": 3e-4})
-    pictures = dict(report_plots.draw(Study(collect([tmp_path])), "ppo_source", tmp_path, 200, 0))
+    pictures = dict(Pictures(Study(collect([tmp_path])), "ppo_source", tmp_path, 200, 0).draw())
     kinds = ("learning_curves_robots", "learning_curves_settings", "divergence_settings")
     assert list(pictures) == [f"plots/{kind}.png" for kind in kinds]
     assert all((tmp_path / picture).stat().st_size > 5000 for picture in pictures)
@@ -164,11 +164,11 @@ def test_what_has_no_bars_has_curves_and_no_old_picture_stays(tmp_path: Path) ->
     make_run(runs, "pixels", 1, (1, 2), params={"renderer": "gl"})
     study = Study(collect([runs]))
     assert [group.reported_budgets() for group in study.groups] == [[500_000, 1_000_000], [500_000]]
-    pictures = report_plots.draw(study, None, out, draws=50, seed=0)
+    pictures = Pictures(study, None, out, draws=50, seed=0).draw()
     assert [place for place, _ in pictures] == ["plots/learning_curves.png"]
     kept = {path.name for path in (out / "plots").iterdir()}
     assert kept == {"learning_curves.png", "learning_curve.png"}  # a training's own picture stays
-    rows = report.main_table(study, None, 0).rows
+    rows = report.Report(study, None, 0).main_table().rows
     assert [list(row[:4]) for row in rows] == [
         ["pixels renderer=gl", "source", 2, 500_000.0],
         ["pixels renderer=gl", "source", 1, 1_000_000.0],
