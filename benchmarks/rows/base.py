@@ -27,28 +27,19 @@ class Timing(NamedTuple):
 
 
 class Row(ABC):
-    """One way to make environment steps.
+    """One way to make environment steps."""
 
-    Attributes:
-        name: the row's, for good.
-        of: name of the row whose rate divides this one's; None for a row that is a divisor itself.
-        unit: what it counts.
-        setup: threads, processes and sizes, in words.
-        needs: a package that the row cannot run without, and is not among the project's own.
-        simulations: how many it holds.
-        memory: kind of memory of `benchmarks.memory` that each takes; None for one process a
-        simulation.
-        long: whether it takes so long that it runs only where it is named.
-    """
-
-    name: str
+    name: str  # the row's, for good
+    # the row whose rate divides this one's; None for a row that is a divisor itself
     of: str | None = "raw_physics"
-    unit: str = "env steps"
-    setup: str
+    unit: str = "env steps"  # what it counts
+    setup: str  # threads, processes and sizes, in words
+    # a package that the row cannot run without, and is not among the project's own
     needs: str | None = None
-    simulations: int = 1
+    simulations: int = 1  # how many it holds
+    # kind of memory of `benchmarks.memory` that each takes; None for one process a simulation
     memory: str | None = None
-    long: bool = False
+    long: bool = False  # whether it takes so long that it runs only where it is named
 
     def missing(self) -> str | None:
         """Return why the row cannot run here, or None."""

@@ -25,17 +25,11 @@ KEYS = {"table", "where", "outside", "value"}
 
 @dataclass(frozen=True)
 class Found:
-    """Figures of the runs that a query found.
+    """Figures of the runs that a query found; None where the table has none."""
 
-    Attributes:
-        values: a figure by run.
-        steps: environment steps of a training, the median; None where the table has none.
-        minutes: processor time of a training [min], the mean; None where the table has none.
-    """
-
-    values: Mapping[str, float]
-    steps: float | None = None
-    minutes: float | None = None
+    values: Mapping[str, float]  # a figure by run
+    steps: float | None = None  # environment steps of a training, the median
+    minutes: float | None = None  # processor time of a training [min], the mean
 
     @property
     def column(self) -> np.ndarray:

@@ -29,19 +29,14 @@ PACKAGES = ("sim2real", "torch", "torchrl", "mujoco", "numpy")  # that a figure 
 
 @dataclass(frozen=True)
 class Plan:
-    """What can be trained, and where.
+    """What can be trained, and where."""
 
-    Args:
-        trainings: by name, overrides of the command line (`do`), or another training whose policies
-            are evaluated (`of`); overrides of an evaluation of the trained policy (`then`), whose
-            figures count instead of the training's own.
-        out: folder of the runs.
-        table: the CSV file of the figures.
-    """
-
+    # by name, overrides of the command line (`do`), or another training whose policies are
+    # evaluated (`of`); overrides of an evaluation of the trained policy (`then`), whose figures
+    # count instead of the training's own
     trainings: Mapping[str, Mapping[str, Any]]
-    out: Path
-    table: Path
+    out: Path  # folder of the runs
+    table: Path  # the CSV file of the figures
 
     def source(self, name: str) -> str:
         """Return the training that trains the policy."""

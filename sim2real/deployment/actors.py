@@ -28,19 +28,12 @@ Function = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class LoadedPolicy:
-    """A policy without a memory.
+    """A policy without a memory."""
 
-    Attributes:
-        function: raw observations (n, O) to actions (n, A), float64.
-        size: O; None where the file does not say.
-        task: the class name of the task it was trained on, where it is ours; else None.
-        normalizer: mean and std (2, O) that are inside it, where it says them; else None.
-    """
-
-    function: Function
-    size: int | None
-    task: str | None = None
-    normalizer: np.ndarray | None = None
+    function: Function  # raw observations (n, O) to actions (n, A), float64
+    size: int | None  # O; None where the file does not say
+    task: str | None = None  # class name of the task it was trained on, where it is ours
+    normalizer: np.ndarray | None = None  # mean and std (2, O) inside it, where it says them
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
         """Map observations (n, O) to actions (n, A)."""

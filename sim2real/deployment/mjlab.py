@@ -62,19 +62,12 @@ sticks."""
 
 
 class Term(NamedTuple):
-    """One call of a function of mjlab's `dr`.
+    """One call of a function of mjlab's `dr`."""
 
-    Attributes:
-        function: its name.
-        kind: what it is done to: `joint`, `body`, `geom` or `actuator`.
-        where: its name.
-        arguments: as text.
-    """
-
-    function: str
-    kind: str
-    where: str
-    arguments: dict[str, str]
+    function: str  # its name
+    kind: str  # what it is done to: `joint`, `body`, `geom` or `actuator`
+    where: str  # its name
+    arguments: dict[str, str]  # as text
 
     def text(self) -> str:
         """Return the entry of the dictionary of terms."""

@@ -74,24 +74,17 @@ class Evaluator(Protocol):
 class Evaluation:
     """The cells of an evaluation.
 
-    Args:
-        grid: the robots.
-        adaptations: independent adaptations in each cell.
-        episodes: fresh episodes that score each adaptation; as many score the policy before it.
-        threshold: return above which a cell counts as mastered.
-        draws: resamples of each interval, 2000 to 10000.
-        box: range that the table calls "training range" and the pictures frame, by parameter:
-            [low, high]; None: the range that the policy was trained in.
-
     Raises:
         Sim2RealError: numbers below 1, or a range whose low is above its high.
     """
 
-    grid: Grid
-    adaptations: int
-    episodes: int
-    threshold: float
-    draws: int
+    grid: Grid  # the robots
+    adaptations: int  # independent adaptations in each cell
+    episodes: int  # fresh ones that score each adaptation; as many score the policy before it
+    threshold: float  # return above which a cell counts as mastered
+    draws: int  # resamples of each interval, 2000 to 10000
+    # range that the table calls "training range" and the pictures frame, by parameter: [low, high];
+    # None: the range that the policy was trained in
     box: Box | None = None
 
     def __post_init__(self) -> None:

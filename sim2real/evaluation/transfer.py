@@ -93,17 +93,14 @@ class TransferScores:
 class Transfer:
     """The robots and episodes of an evaluation.
 
-    Args:
-        robots: for each name, the arguments of the run's task that differ; `effects` names an
-            effects.yaml that is put into the robot besides.
-        episodes: the number of episodes on each robot.
-
     Raises:
         TransferError: no robot, or fewer than 1 episode.
     """
 
+    # for each name, the arguments of the run's task that differ; `effects` names an effects.yaml
+    # that is put into the robot besides
     robots: Mapping[str, Mapping[str, Any]]
-    episodes: int
+    episodes: int  # on each robot
 
     def __post_init__(self) -> None:
         if not self.robots or self.episodes < 1:

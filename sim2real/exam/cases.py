@@ -80,24 +80,16 @@ def write_task(folder: Path, exclude: Sequence[str], effects: str | None = None)
 class Exam(Examiner):
     """The numbers of cases by kind.
 
-    Args:
-        robots: names of conf/robot.
-        one: cases with one effect, of each effect and robot.
-        two: cases with two effects, of each robot.
-        none: cases with nothing hidden, of each robot.
-        excluded: cases whose effect is not a candidate, of each robot.
-        sample: number of cases to keep, drawn at random but of every kind; None keeps all.
-        longest, block, most: see `Examiner`.
-
     Raises:
         Sim2RealError: no robot, a negative number, or no case at all.
     """
 
-    robots: Sequence[str]
-    one: int
-    two: int
-    none: int
-    excluded: int
+    robots: Sequence[str]  # names of conf/robot
+    one: int  # cases with one effect, of each effect and robot
+    two: int  # cases with two effects, of each robot
+    none: int  # cases with nothing hidden, of each robot
+    excluded: int  # cases whose effect is not a candidate, of each robot
+    # number of cases to keep, drawn at random but of every kind; None keeps all
     sample: int | None = None
 
     def __post_init__(self) -> None:

@@ -123,17 +123,12 @@ SIZES: Mapping[str, Mapping[str, Range]] = {
 class RealExam(Examiner):
     """Real logs with one known effect hidden in each case.
 
-    Args:
-        data: the folder of real logs, which the environment variable SIM2REAL_DATA names.
-        each: cases of each robot and effect; places and sizes are drawn for each.
-        longest, block, most: see `Examiner`.
-
     Raises:
         Sim2RealError: no case; from `draw`: no folder, or one without these logs.
     """
 
-    data: str | None
-    each: int
+    data: str | None  # the folder of real logs, which the environment variable SIM2REAL_DATA names
+    each: int  # cases of each robot and effect; places and sizes are drawn for each
 
     def __post_init__(self) -> None:
         super().__post_init__()

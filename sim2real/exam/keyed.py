@@ -78,18 +78,13 @@ class KeyedMark:
 class KeyedExam(Examiner):
     """Every case once.
 
-    Args:
-        data: the folder of real logs, which the environment variable SIM2REAL_DATA names.
-        cases: arguments of each case by its name, see `make_case`.
-        longest, block, most: see `Examiner`.
-
     Raises:
         Sim2RealError: a case with other arguments; from `draw`: no folder, or one without a log or
             model.
     """
 
-    data: str | None
-    cases: Mapping[str, Mapping[str, Any]]
+    data: str | None  # the folder of real logs, which the environment variable SIM2REAL_DATA names
+    cases: Mapping[str, Mapping[str, Any]]  # arguments of each case by its name, see `make_case`
     title: ClassVar[str] = "Robots with a published key"
 
     def __post_init__(self) -> None:

@@ -69,19 +69,13 @@ class LogMark:
 class LogExam(Examiner):
     """The number of cases, and their robots.
 
-    Args:
-        robots: names of conf/robot; one of them has two joints.
-        count: cases.
-        beside: of these, cases with a hidden effect as well.
-        longest, block, most: see `Examiner`.
-
     Raises:
         Sim2RealError: no robot, no case, or more with an effect than there are.
     """
 
-    robots: Sequence[str]
-    count: int
-    beside: int
+    robots: Sequence[str]  # names of conf/robot; one of them has two joints
+    count: int  # cases
+    beside: int  # of these, cases with a hidden effect as well
     title: ClassVar[str] = "Mistakes of logs"
 
     def __post_init__(self) -> None:

@@ -5,7 +5,7 @@ data = Recordings(read_logs("logs/"), "arm.xml", fixed=load_effects("effects.yam
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -25,35 +25,23 @@ Act = Callable[[np.ndarray], np.ndarray]  # observations (n, O) to actions (n, A
 
 @dataclass(frozen=True)
 class PolicySimulation:
-    """The simulated task that a policy acts in, for rollouts.
+    """The simulated task that a policy acts in, for rollouts."""
 
-    Args:
-        rows: makes the task's rows, of these effects and this number.
-        act: makes the policy for a number of rows; called with all their observations, step after
-            step, it returns their actions.
-        name: of the task, for messages.
-    """
-
-    rows: Callable[[Sequence[Effect], int], Rows]
+    rows: Callable[[Sequence[Effect], int], Rows]  # makes them, of these effects and this number
+    # makes the policy for a number of rows; called with all their observations, step after step,
+    # it returns their actions
     act: Callable[[int], Act]
-    name: str = "the task"
+    name: str = "the task"  # its name, for messages
 
 
 @dataclass(frozen=True)
 class Recordings:
-    """Logs of one robot.
-
-    Args:
-        logs: the logs.
-        model: an MJCF for all of them; None: the model that each log names.
-        fixed: effects that are known, and part of the model.
-        world: what rollouts need; None where nothing rolls out.
-    """
+    """Logs of one robot."""
 
     logs: Sequence[Log]
-    model: str | Path | None = None
-    fixed: Sequence[Fixed] = ()
-    world: PolicySimulation | None = field(default=None)
+    model: str | Path | None = None  # an MJCF for all of them; None: the one that each log names
+    fixed: Sequence[Fixed] = ()  # effects that are known, and part of the model
+    world: PolicySimulation | None = None  # what rollouts need; None where nothing rolls out
 
     @cached_property
     def windows(self) -> Data:

@@ -45,26 +45,17 @@ AGAIN = 8.0  # s of the first motion that are driven twice: what noise does
 class EngineExam(Examiner):
     """The numbers of cases by kind.
 
-    Args:
-        kinds: which; see `sim2real.exam.thirdparty.kinds`.
-        cases_per_kind: of each of them.
-        half: calibration (to look at and to develop with) or sealed (opened once).
-        engine: what moves the robots: drake or dart.
-        seconds: of each motion [s].
-        skip: number of first cases to skip because they were opened before.
-        longest, block, most: see `Examiner`.
-
     Raises:
         Sim2RealError: an unknown kind, half or engine, an engine that is not installed, or a number
             that is too small.
     """
 
-    kinds: Sequence[Kind]
-    cases_per_kind: int
-    half: Half
-    engine: EngineName
-    seconds: float
-    skip: int = 0
+    kinds: Sequence[Kind]  # which; see `sim2real.exam.thirdparty.kinds`
+    cases_per_kind: int  # of each of them
+    half: Half  # calibration (to look at and to develop with) or sealed (opened once)
+    engine: EngineName  # what moves the robots: drake or dart
+    seconds: float  # of each motion [s]
+    skip: int = 0  # number of first cases to skip because they were opened before
     title: ClassVar[str] = "Blind check on robots of another engine"
 
     def __post_init__(self) -> None:

@@ -53,28 +53,18 @@ INTERVALS = 2  # stream of randomness
 
 @dataclass(frozen=True)
 class Round:
-    """A policy, and what it earned.
+    """A policy, and what it earned."""
 
-    Args:
-        number: 0 is the policy as given.
-        policy: its run or checkpoint.
-        robot: its returns on the robot; None where it was not run there.
-        simulator: its returns in the simulator that it was trained in, from the same starts.
-        contract: whether the policy before saw and did there what it was trained on; None where
-            nothing was compared.
-        verdict: of the diagnosis; None in round 0.
-        causes: what was found, with value, interval and cost; () in round 0.
-        link: periods, overruns and answers of the deployment, see `hardware/link.py`; None where
-            there was none, or no servos.
-    """
-
-    number: int
-    policy: str
-    robot: list[float] | None
-    simulator: list[float]
+    number: int  # 0 is the policy as given
+    policy: str  # its run or checkpoint
+    robot: list[float] | None  # its returns on the robot; None where it was not run there
+    simulator: list[float]  # in the simulator that it was trained in, from the same starts
+    # whether the policy before saw and did there what it was trained on; None: nothing was compared
     contract: str | None = None
-    verdict: str | None = None
-    causes: Sequence[Mapping[str, Any]] = ()
+    verdict: str | None = None  # of the diagnosis; None in round 0
+    causes: Sequence[Mapping[str, Any]] = ()  # what was found, with value, interval and cost
+    # periods, overruns and answers of the deployment, see `hardware/link.py`; None where there was
+    # none, or no servos
     link: Mapping[str, Any] | None = None
 
 
