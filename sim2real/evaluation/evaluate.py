@@ -58,10 +58,11 @@ class Evaluator(Protocol):
         """Return the scores of one trained policy.
 
         Args:
-            algorithm: the trained policy.
-            seed: of all randomness.
+            algorithm: the trained policy and its way to adapt; its environment makes the robots.
+            seed: all randomness follows from it; one seed gives different policies the same random
+                numbers.
             name: of the training run.
-            progress: called with what is done and how much there is.
+            progress: called with what is done and how much there is, from time to time.
         """
         ...
 
@@ -103,14 +104,7 @@ class Evaluation:
     def assess(
         self, algorithm: Algorithm, seed: int, name: str, progress: Report | None = None
     ) -> GridScores:
-        """Run every cell of the grid; see the module's text.
-
-        Args:
-            algorithm: the trained policy and its way to adapt; it makes the robots itself.
-            seed: all randomness follows from it; one seed gives different policies the same random
-                numbers.
-            name: the name of the training run.
-            progress: called with the tasks done and the tasks in all, from time to time.
+        """Run every cell of the grid; see the module's text, and `Evaluator`.
 
         Raises:
             ParameterError: a grid that leaves the parameter space of the policy's simulator.

@@ -156,13 +156,7 @@ def load_claims(runs: Iterable[Run]) -> list[Claim]:
 
 
 def evaluate_claim(claim: Claim, study: Study, seed: int, draws: int) -> ClaimResult:
-    """Decide a claim.
-
-    Args:
-        claim: what is claimed.
-        study: the runs.
-        seed: the seed of the resamples.
-        draws: resamples of each interval.
+    """Decide a claim by the runs of a study; each interval has `draws` resamples.
 
     Raises:
         ClaimError: a robot that the runs do not have.

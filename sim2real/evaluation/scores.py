@@ -107,10 +107,8 @@ class GridScores:
     def summary(self, threshold: float, draws: int, rng: np.random.Generator) -> Table:
         """Return the table of returns before and after adaptation, and of what adaptation gained.
 
-        Args:
-            threshold: return above which a cell counts as mastered.
-            draws: resamples of each interval.
-            rng: source of the resamples.
+        A cell whose return is above the threshold counts as mastered; each interval has `draws`
+        resamples.
         """
         columns = ("cells", "policy", "mean return", "IQM", f"share of cells > {threshold:g}")
         table = Table((*columns, "P(improvement)", "training steps"), notes=[self.note()])

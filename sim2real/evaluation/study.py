@@ -98,9 +98,6 @@ class Group:
 class Study:
     """Groups of runs on the same robots.
 
-    Args:
-        runs: all runs.
-
     Raises:
         RunsError: runs of different tasks or robots.
     """

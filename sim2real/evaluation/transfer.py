@@ -118,14 +118,7 @@ class Transfer:
     def assess(
         self, algorithm: Algorithm, seed: int, name: str, progress: Report | None = None
     ) -> TransferScores:
-        """Run one trained policy on every robot.
-
-        Args:
-            algorithm: its trained policy acts; the task of its environment is what robots vary.
-            seed: the episodes' random numbers follow from it; one seed gives different policies the
-                same.
-            name: of the training run.
-            progress: called with the robots done and the robots in all.
+        """Run one trained policy on every robot; see `evaluate.Evaluator`.
 
         Raises:
             TransferError: a robot that cannot be made of the run's task, or a policy that is to
@@ -160,16 +153,7 @@ class Transfer:
     def report(
         self, scores: Sequence[TransferScores], seed: int, out: Path
     ) -> Sequence[TransferScores]:
-        """Write transfer-<steps>.json with every episode, and transfer.md and .csv.
-
-        Args:
-            scores: of one or several training runs.
-            seed: that they were assessed with.
-            out: folder of the files.
-
-        Returns:
-            The scores.
-        """
+        """Write transfer-<steps>.json with every episode, and transfer.md and .csv."""
         write(scores, seed, out)
         columns = ("run", "tested on", "mean return", "sd over episodes", "mean length")
         table = Table((*columns, "episodes", "training steps"))

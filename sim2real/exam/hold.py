@@ -218,11 +218,7 @@ def share(
 ) -> None:
     """Do the open pieces of work, shared with other programs; wait for those at the end.
 
-    Args:
-        names: the names of the pieces of work.
-        done: whether one is done.
-        do: does one.
-        claims: folder in which each piece's folder says who works on it.
+    In the folder of claims each piece's folder says who works on it.
     """
     while True:
         for name in names:

@@ -107,13 +107,7 @@ class KeyedExam(Examiner):
         ]
 
     def make(self, outline: Outline, logs: Path, key: Path) -> bool:
-        """Write a case's two folders.
-
-        Args:
-            outline: the case.
-            logs: the folder that a diagnosis is given.
-            key: the folder that it is not.
-        """
+        """Write a case's two folders; see `Examiner`."""
         case, data = self.keyed[outline.name], Path(self.data or "")
         logs.mkdir(parents=True, exist_ok=True)
         model = Path(shutil.copy(data / case.model, logs / "model.xml")).resolve()
@@ -158,13 +152,7 @@ def make_case(name: str, entry: Mapping[str, Any]) -> Keyed:
 
 
 def mark(name: str, case: Keyed, report: Mapping[str, Any] | None) -> KeyedMark:
-    """Compare an answer with what was published.
-
-    Args:
-        name: the case's.
-        case: what is right.
-        report: report.json; None if the diagnosis failed.
-    """
+    """Compare an answer, None if the diagnosis failed, with what was published of its case."""
     if report is None:
         return KeyedMark(name, "failed", False, False, False, None)
     causes = report["causes"]

@@ -80,12 +80,9 @@ class BayRn:
 
 
 class Session:
-    """One search, a distribution at a time; deterministic given its seed and the reported values.
+    """One search, a distribution at a time, as `BayRn.start` starts it.
 
-    Args:
-        recipe: how.
-        prior: the ends between which distributions lie, P parameters.
-        seed: of all that is random.
+    It is deterministic given its seed and the reported values.
     """
 
     def __init__(self, recipe: BayRn, prior: Distribution, seed: int) -> None:
@@ -180,9 +177,6 @@ def search(session: Session, attempt: Try, folder: Path) -> Session:
             earned on the robot.
         folder: gets NN/distribution.yaml of each round, bayrn.json after each, and in the end
             table.md, table.csv and distribution.yaml, the best.
-
-    Returns:
-        The session.
     """
     if (folder / STATE).is_file():
         session.load_state_dict(json.loads((folder / STATE).read_text(encoding="utf-8")))

@@ -41,13 +41,7 @@ class Mark(CaseMark):
 def mark(
     key: Mapping[str, Any], report: Mapping[str, Any] | None, closed: float | None = None
 ) -> Mark:
-    """Compare an answer with its key.
-
-    Args:
-        key: as the exam wrote it.
-        report: report.json; None if the diagnosis failed.
-        closed: what the found effects close of the held-back log's gap; None if not measured.
-    """
+    """Compare an answer, None of a diagnosis that failed, with its key; `closed`: see `CaseMark`."""
     truths = key["truths"]
     hidden = ", ".join(_words(truth) for truth in truths) or "nothing; the nominal model is off"
     common = {

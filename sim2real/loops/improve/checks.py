@@ -52,14 +52,9 @@ def interface(logs: Sequence[Log], load: LoadPolicy, place: Path) -> str | None:
 def priced(
     causes: Sequence[Cause], trained: TrainedPolicy, place: Path, rollouts: int, seed: int
 ) -> None:
-    """Say what each cause costs a policy, unless worth/ is there.
+    """Say what each cause costs a policy in so many rollouts on each robot, unless worth/ is there.
 
-    Args:
-        causes: what was found.
-        trained: the policy.
-        place: the round's folder, which holds the diagnosis.
-        rollouts: episodes on each robot.
-        seed: of starts, noise, values and orders.
+    The folder of the round holds the diagnosis.
     """
     folder = place / WORTH
     if folder.is_dir():
