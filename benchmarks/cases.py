@@ -73,11 +73,7 @@ class Cases:
     ) -> list[Row]:
         """Judge the cases of a seed that are not there, and return all rows of the seed.
 
-        Args:
-            seed: of the draw.
-            count: cases in all.
-            judge: makes the rows of the case of that number.
-            same: what further columns of the seed's rows hold.
+        The judge makes the rows of the case of a number; `same` is what their further columns hold.
         """
         for number in range(count):
             name = f"{seed}-{number}"

@@ -54,13 +54,9 @@ WALKERS = {
 
 
 def walks(name: str, hidden: Sequence[Entry], seed: int, episodes: int = EPISODES) -> list[Log]:
-    """Return logs of an emulated robot's walks, one an episode.
+    """Return logs of the walks of an emulated robot of `WALKERS`, one an episode.
 
-    Args:
-        name: of the robot, one of `WALKERS`.
-        hidden: entries of an effects file.
-        seed: of the offsets and of the emulator.
-        episodes: their number; every other one begins in mid-gait.
+    Every other one begins in mid-gait. Offsets and emulator follow from the seed.
     """
     every = walked(name, hidden, seed, episodes)
     return [seen(log, number) for number, log in enumerate(every) if log.time[-1] > 2 * BEGUN]

@@ -27,14 +27,8 @@ def arguments(
 ) -> argparse.Namespace | None:
     """Read a benchmark's command line: data, report, out and results.
 
-    Args:
-        name: the module's.
-        doc: what `--help` says.
-        folder: the one that it needs below SIM2REAL_DATA.
-        words: of the command line; None for the program's own.
-
     Returns:
-        The choices, or None where the logs are missing, which is said.
+        The choices, or None where SIM2REAL_DATA has no such folder, which is said.
     """
     parser = command(name, doc, "out", "results")
     add, data = parser.add_argument, os.environ.get("SIM2REAL_DATA")

@@ -59,11 +59,7 @@ def compare(
 ) -> tuple[list[Measured], list[str]]:
     """Build the rows, run them in turns, and close them.
 
-    Args:
-        rows: what is compared.
-        repeats: rounds.
-        say: told a line about each thing that happens.
-        patience: seconds that runs beside other programs may be taken again for, in all.
+    Runs beside other programs may be taken again for `patience` seconds in all.
 
     Returns:
         The rows that ran, and a line for each that could not.
@@ -127,11 +123,7 @@ def _measure(row: Row) -> tuple[Timing, float, float]:
 
 
 def default_rows(scale: float = 1.0) -> list[Row]:
-    """Return the rows of `make bench`.
-
-    Args:
-        scale: of the work of a run; at 1 it is 2 to 5 seconds for most rows.
-    """
+    """Return the rows of `make bench`; at a scale of 1 most of their runs take 2 to 5 seconds."""
     from torchrl.envs import GymEnv
 
     from benchmarks.rows.batched import BatchedEnv, Collected, TrainingCollected, make_env

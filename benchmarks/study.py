@@ -172,13 +172,10 @@ def at_least(least: int) -> Callable[[str], int]:
 
 
 def command(name: str, text: str | None, *options: str) -> argparse.ArgumentParser:
-    """Return the parser of a benchmark's command line.
+    """Return the parser of a benchmark's command line, of a module and what `--help` says.
 
-    Args:
-        name: of its module.
-        text: what `--help` says.
-        options: usual ones that it has: "out", the folder of its runs; "results", that of what is
-            kept; "report", to write tables alone; "set", settings of every run.
+    It has some usual options: "out", the folder of its runs; "results", that of what is kept;
+    "report", to write tables alone; "set", settings of every run.
     """
     parser = argparse.ArgumentParser(
         prog=f"python -m benchmarks.{name}",

@@ -51,13 +51,9 @@ class Recorded(NamedTuple):
 
 
 def record(folder: Path, joints: int, seconds: float, logs: int) -> Recorded:
-    """Drive the emulated arm along motions and write its logs and its model.
+    """Drive the emulated arm along motions; write its logs, at 100 Hz, and its model into a folder.
 
-    Args:
-        folder: where to.
-        joints: its first so many move, the others are fixed.
-        seconds: of each log, at 100 Hz.
-        logs: how many.
+    The first so many joints move, the others are fixed; seconds are those of each log.
     """
     robot = _arm(folder, joints)
     paths = []

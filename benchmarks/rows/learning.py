@@ -25,15 +25,8 @@ BATCH = 2048  # environment steps of an iteration, in all rows of PPO but the tu
 class Ours(Row):
     """An algorithm of this project with the settings of one of its presets.
 
-    Args:
-        name: of the row.
-        preset: of conf/algorithm.
-        of: row that its rate is divided by.
-        amount: units of a run, at least.
-        unit: what is counted: "env steps" or "updates".
-        setup: sizes, in words.
-        words: further overrides, such as loss=fast_clip_ppo.
-        long: whether it runs only where it is named.
+    A run takes `amount` units, at least; `words` are further overrides, such as
+    loss=fast_clip_ppo.
     """
 
     def __init__(

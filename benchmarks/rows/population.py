@@ -28,12 +28,9 @@ SIGMA = {"hopping": 0.02, "fresh": 0.05}  # spread of the members around the pol
 
 
 class Evaluation:
-    """The job: members, their robots and the seeds of their episodes.
+    """The job: members, their robots and the seeds of their episodes, (members, episodes).
 
-    Args:
-        members: J.
-        episodes: F, of each member.
-        gait: the policy that they spread around.
+    The members spread around the policy of a gait.
     """
 
     def __init__(self, members: int, episodes: int, gait: Gait) -> None:

@@ -156,11 +156,7 @@ def _cause(given: tuple[Effect, tuple[float, ...]], entry: Mapping[str, Any]) ->
 class CoalitionRollouts:
     """A policy's episodes on robots with any of some causes, with common random numbers.
 
-    Args:
-        trained: the policy.
-        causes: what robots may have.
-        episodes: E, the same for all robots.
-        seed: of starts, noise and values.
+    Starts, noise and values follow from the seed and are the same for all robots.
 
     Raises:
         Sim2RealError: a policy whose world simulates no robot, or too few episodes.

@@ -26,14 +26,7 @@ def finalize_training(
     """Draw the learning curve, evaluate the policy and film it; all is already saved.
 
     After an evaluation over a grid the film shows the robot of the median gain and one of a large
-    gain, else a robot of the training.
-
-    Args:
-        algorithm: the trained one.
-        files: the files of its run.
-        evaluation: what to evaluate; None for nothing.
-        video: the film; None for none. Where nothing can be drawn, a warning says why.
-        seed: the seed of the film and of the evaluation.
+    gain, else a robot of the training. Where nothing can be drawn, a warning says why.
     """
     if files.metrics.path.exists():
         plots.learning_curve({"": [files.metrics.path]}, files.out / "plots" / "learning_curve.png")

@@ -114,14 +114,7 @@ def _frame(ax: Axes, x: Axis, y: Axis, box: Box) -> None:
 def grid_line(
     scores: GridScores, path: str | Path, *, draws: int, rng: np.random.Generator
 ) -> None:
-    """Draw the mean return over a grid of one axis, with 95 % intervals.
-
-    Args:
-        scores: the scores of a grid of one axis.
-        path: where the picture goes.
-        draws: resamples of each interval.
-        rng: source of the resamples.
-    """
+    """Draw the mean return over a grid of one axis, with 95 % intervals of `draws` resamples."""
     (axis,), (parameter,) = scores.grid.axes, scores.parameters
     lines = {"without adaptation": scores.before}
     if scores.adaptation_episodes:

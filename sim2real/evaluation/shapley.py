@@ -27,12 +27,9 @@ def coalitions(players: int) -> list[Set]:
 
 
 def sample_permutations(players: int, count: int, rng: np.random.Generator) -> list[Order]:
-    """Return drawn orders, each followed by its reverse, which halves their noise.
+    """Return an even number of drawn orders of n players, `count` or one more.
 
-    Args:
-        players: n.
-        count: of the orders, rounded up to an even number.
-        rng: for the draws.
+    Each is followed by its reverse, which halves their noise.
     """
     drawn = [tuple(int(i) for i in rng.permutation(players)) for _ in range((count + 1) // 2)]
     return [order for one in drawn for order in (one, one[::-1])]

@@ -57,17 +57,7 @@ def record_clip(
     video: Video,
     camera: Camera,
 ) -> Clip:
-    """Run one episode and draw it.
-
-    Args:
-        env: one simulation with its transforms.
-        actor: the policy.
-        values: the robot's parameters, (P,).
-        seed: the seed of the episode.
-        title: the title of the clip.
-        video: rate and length.
-        camera: what draws.
-    """
+    """Run one episode of a robot with parameters (P,), and draw it."""
     world: Any = env.base_env
     simulation = world.rows
     model = simulation.plant.batch.get_model(0)
@@ -87,17 +77,10 @@ def record_clip(
 
 
 def tile_clips(clips: list[Clip], caption: str, least: int = 1) -> np.ndarray:
-    """Put clips side by side under their titles, with a caption below.
+    """Put clips side by side under their titles, with a caption below: (n, height, width, 3) uint8.
 
-    A clip that ends early keeps its last picture.
-
-    Args:
-        clips: one or more.
-        caption: the line below them.
-        least: pictures at least.
-
-    Returns:
-        (n, height, width, 3) uint8, height and width even, as video codecs want them.
+    A clip that ends early, or before `least` pictures, keeps its last one. Height and width are
+    even, as video codecs want them.
     """
     count = max(least, *(len(clip.frames) for clip in clips))
     rows = [clip.frames[np.minimum(np.arange(count), len(clip.frames) - 1)] for clip in clips]

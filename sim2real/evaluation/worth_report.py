@@ -27,13 +27,10 @@ WORDS = {"return": "return lost", "fall": "falls more", "seconds": "seconds lost
 def write(
     worth: CauseCosts, out: Path, closed: Mapping[int, float], about: Mapping[str, Any]
 ) -> None:
-    """Write worth.json, table.md, table.csv and plots/worth.png.
+    """Write worth.json, table.md, table.csv and plots/worth.png into a folder.
 
-    Args:
-        worth: what each cause costs.
-        out: the folder.
-        closed: the share of the gap that causes close, by their number.
-        about: the policy, the files and the seed.
+    `closed` is the share of the gap that causes close, by their number; `about` says the policy,
+    the files and the seed.
     """
     facts = {
         "schema": SCHEMA,

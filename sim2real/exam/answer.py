@@ -31,12 +31,9 @@ def answered(folder: Path) -> bool:
 
 
 def ask(logs: Path, answer: Path, longest: float) -> None:
-    """Start a process that diagnoses one case, and wait for its answer.
+    """Start a process that diagnoses the case of a folder, and wait for its answer.
 
-    Args:
-        logs: the case's folder.
-        answer: the folder that gets the answer.
-        longest: time after which it counts as failed [s].
+    After `longest` [s] it counts as failed.
     """
     answer.mkdir(parents=True, exist_ok=True)
     write_text(answer / VERSION, f"{version()}\n")

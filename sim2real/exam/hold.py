@@ -258,12 +258,8 @@ def read_case(folder: Path, name: str) -> tuple[dict[str, Any], dict[str, Any] |
 def closed(folder: Path, name: str, residue: float) -> float | None:
     """Return the fraction of the closable gap that an answer's effects close.
 
-    None where they cannot be put into the model. The gap is that of the log that was held back.
-
-    Args:
-        folder: the folder of the exam.
-        name: of the case.
-        residue: what the model leaves where nothing is hidden [rad].
+    None where they cannot be put into the model. The gap is that of the log that was held back,
+    without the residue [rad] that the model leaves where nothing is hidden.
     """
     log, file = read_log(folder / KEYS / name / HELD), folder / LOGS / name / KNOWN
     known = load_effects(file) if file.is_file() else []

@@ -39,10 +39,7 @@ class Hidden(NamedTuple):
 def hide(robot: Robot, effects: Sequence[str], seed: int) -> Hidden | None:
     """Find places and sizes for effects; None if no place of the robot shows one of them.
 
-    Args:
-        robot: a robot from `exam_robot`.
-        effects: their names.
-        seed: the seed of places, sizes, motions and noise.
+    The robot is one of `exam_robot`; places, sizes, motions and noise follow from the seed.
     """
     rng = np.random.default_rng([seed, 1])
     plan = plans(robot, seed)["a"]

@@ -42,14 +42,8 @@ def inflate_noise(
 ) -> Distribution:
     """Return the distribution with the noise that its draws lack to hold the fitted readings.
 
-    What no parameter says shows where parameters change little, too. Each joint's noise grows until
-    the band of noisy draws holds as many of its readings as it should; it never shrinks.
-
-    Args:
-        fitted: what the distribution was fitted to.
-        found: the distribution, its noise a lower bound.
-        rng: for draws, noise and the readings that are looked at.
-        settings: `draws`, `band` and `compared` are used.
+    What no parameter says shows where parameters change little, too. Each joint's noise, which is a
+    lower bound, grows until the band of noisy draws holds as many of its readings as it should.
     """
     few = max(1, int(settings.compared // max(fitted.real[0].size, 1)))
     pieces = np.sort(rng.permutation(len(fitted.real))[:few])
@@ -86,13 +80,7 @@ def _share(errors: np.ndarray, band: float) -> float:
 def score_held_out(
     held: AlignedProvider, found: Distribution, rng: np.random.Generator
 ) -> HeldOutScores:
-    """Judge a distribution by recordings.
-
-    Args:
-        held: what was held out.
-        found: the distribution.
-        rng: for draws and noise.
-    """
+    """Judge a distribution by the recordings that were held out."""
     neutral = np.clip(held.neutral, found.low, found.high)[None]
     before, after = held.errors(np.concatenate([neutral, found.mean[None]]))
     drawn = held.errors(found.sample(rng, DEFAULT.draws))  # (D, W, T, M)

@@ -65,10 +65,7 @@ class MAPEstimate(NamedTuple):
 class Surroundings:
     """What an aligned provider's data say around points of a prior.
 
-    Args:
-        provider: what simulates.
-        prior: gives the mean, the widths and the ends.
-        settings: see `Settings`.
+    The prior gives the mean, the widths and the ends.
     """
 
     def __init__(

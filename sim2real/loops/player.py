@@ -131,12 +131,7 @@ def _std(ci: tuple[float, float] | None) -> float:
 
 
 class _Watch:
-    """Writes down what all robots measure before each step.
-
-    Args:
-        task: of the robots.
-        count: their number, N.
-    """
+    """Writes down what all robots of a task measure before each step."""
 
     def __init__(self, task: ServoTask, count: int) -> None:
         model = task.spec().compile()

@@ -78,14 +78,7 @@ class Bench:
     ) -> tuple[float, float] | None:
         """Return the size whose gap is nearest to a wanted one, and the gap [rad].
 
-        None where none in [low, high] reaches `least` [rad].
-
-        Args:
-            change: makes the robot that hides a size.
-            low: the smallest size.
-            high: the largest.
-            wanted: gap [rad].
-            least: gap that will do [rad].
+        None where none in [low, high] reaches `least` [rad]. What hides a size is made by `change`.
         """
         ends, best = [math.log(low), math.log(high)], None
         at = 0.5 * sum(ends)
@@ -108,15 +101,7 @@ class Bench:
 def make(
     kind: Kind, robot: Robot, effects: tuple[str, ...], seed: int, engine: EngineName
 ) -> Made | None:
-    """Find places and sizes; None if the robot cannot show it.
-
-    Args:
-        kind: of the case.
-        robot: which.
-        effects: names of the vocabulary, of laws outside it, or nothing.
-        seed: of everything.
-        engine: what moves the robot.
-    """
+    """Find places and sizes of effects or outside laws; None if the robot cannot show them."""
     rng = np.random.default_rng([seed, 1])
     bench = Bench(robot, seed, engine)
     floors = float(np.exp(rng.uniform(math.log(LEAST), math.log(MOST))))

@@ -41,7 +41,7 @@ class Mark(CaseMark):
 def mark(
     key: Mapping[str, Any], report: Mapping[str, Any] | None, closed: float | None = None
 ) -> Mark:
-    """Compare an answer, None of a diagnosis that failed, with its key; `closed`: see `CaseMark`."""
+    """Compare an answer, None of a failed diagnosis, with its key; `closed`: see `CaseMark`."""
     truths = key["truths"]
     hidden = ", ".join(_words(truth) for truth in truths) or "nothing; the nominal model is off"
     common = {

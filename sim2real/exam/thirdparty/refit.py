@@ -21,14 +21,10 @@ from sim2real.exam.thirdparty.robots import Robot, nominal, plan
 
 
 def refits(made: Made, robot: Robot, seed: int) -> dict[str, float]:
-    """Return the gap that each effect of the vocabulary leaves of a model's, in noise floors.
+    """Return the gap that each effect of the vocabulary leaves of a case's, in noise floors.
 
-    It stops at the first one that leaves no more than twice the floor.
-
-    Args:
-        made: the case.
-        robot: its robot.
-        seed: of the motion, and of where fits look.
+    It stops at the first one that leaves no more than twice the floor. The motion, and where fits
+    look, follow from the seed.
     """
     rng, rig = np.random.default_rng([seed, 7]), made.bare
     ctrl = plan(robot, LOOK, rng)

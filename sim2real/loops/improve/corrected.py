@@ -34,12 +34,9 @@ OVERRIDES = Path(".hydra") / "overrides.yaml"
 
 
 def corrected(parts: Components, causes: Sequence[Cause], folder: Path) -> Components:
-    """Return the training's components with robots drawn from the causes.
+    """Return the training's components with robots drawn from the causes, what was known included.
 
-    Args:
-        parts: what trained it before.
-        causes: what was found, what was known before included.
-        folder: gets distribution.yaml.
+    The folder gets distribution.yaml.
     """
     found = distribution(parts.environment, causes)
     write(folder / FILE, found)

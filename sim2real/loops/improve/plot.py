@@ -14,13 +14,7 @@ CAUSES_MAX = 3  # causes that a round's label names
 def draw(
     rounds: Sequence[Any], interval: Callable[[Sequence[float]], Interval], path: Path
 ) -> None:
-    """Draw every episode, the means with their intervals, and what was found before each round.
-
-    Args:
-        rounds: `Round`s.
-        interval: returns the mean of episodes and its interval.
-        path: of the picture.
-    """
+    """Draw every episode, the means with their intervals, and what was found before each round."""
     kinds = {
         "in the simulator it was trained in": ("simulator", BEFORE, -SIDE),
         "on the robot": ("robot", AFTER, SIDE),

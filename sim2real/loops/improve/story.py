@@ -184,9 +184,7 @@ def word_of(cause: Mapping[str, Any]) -> str:
 def table_of(one: Round, gap: str) -> Table:
     """Return a round's causes, the costliest first: value, share of the gap and cost.
 
-    Args:
-        one: the round.
-        gap: a sentence on the gap that the diagnosis measured.
+    `gap` is a sentence on the gap that the diagnosis measured.
     """
     table = Table(("cause", "90 % interval", "unit", "gap closed", "return lost"))
     cost = {cause["label"]: cause["cost"] for cause in one.causes}
