@@ -15,6 +15,7 @@ from sim2real.runs import manifest, statistics
 from sim2real.runs.figures import AFTER, BEFORE, FLOOR, INK, figure
 from sim2real.runs.files import write_text
 from sim2real.runs.statistics import FEW, Interval
+from sim2real.runs.tables import Table
 
 
 class Threshold(NamedTuple):
@@ -134,45 +135,49 @@ def document(
 
 def table(document: dict[str, Any]) -> str:
     """Return the comparison as Markdown."""
-    where = document["machine"]
-    lines = [
-        f"{where['cpu']}, {where['cores']} cores; torch threads {where['torch_threads']}, "
-        f"OMP_NUM_THREADS {where['omp_num_threads']}; "
-        f"medians of {len(document['rows'][0]['runs'])} interleaved rounds; ratios of each round",
-        "",
-        "| row | env steps/s | s a run | ratio | of | episode | KiB/simulation | other load, cores "
-        "| what |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    for row in document["rows"]:
+    where, rows = document["machine"], document["rows"]
+    columns = ("row", "env steps/s", "s a run", "ratio", "of", "episode", "KiB/simulation")
+    every = Table((*columns, "other load, cores", "what"))
+    for row in rows:
         load = max(row["other_load_cores"])
-        cells = (
+        every.add(
             row["name"], _rate(row), _number(row["seconds"], 1), _number(row["ratio"], 3),
             row["of"], _number(row["mean_episode_length"], 0),
             _number(row["bytes_per_simulation"], 0, 1 / 1024),
             f"{load:.2f}{' **busy**' if load > BUSY else ''}", row["setup"],
         )  # fmt: skip
-        lines.append(f"| {' | '.join(cells)} |")
-    lines += ["", "| ratio | median | 95 % | range | must | goal | holds |"]
-    lines.append("|---|---|---|---|---|---|---|")
-    ran = {row["name"] for row in document["rows"]}
-    lines += [
-        _verdict(**threshold)
-        for threshold in document["thresholds"]
-        if {threshold["row"], threshold["of"]} & ran
-    ]
-    timed = [row for row in document["rows"] if row["name"] in LIMITS]
-    if timed:
-        lines += ["", "| row | s a run | must | goal | holds |", "|---|---|---|---|---|"]
-        lines += [_limit(row) for row in timed]
-    held = [row for row in timed if row["name"] in MOST and row["bytes_per_simulation"]]
-    if held:
-        lines += ["", "| row | GiB of memory | must | holds |", "|---|---|---|---|"]
-        lines += [_most(row) for row in held]
-    return "\n".join([*lines, *(f"\nSkipped {line}" for line in document["skipped"])]) + "\n"
+    ran = {row["name"] for row in rows}
+    compared = Table(("ratio", "median", "95 %", "range", "must", "goal", "holds"))
+    for threshold in document["thresholds"]:
+        if {threshold["row"], threshold["of"]} & ran:
+            compared.add(*_verdict(**threshold))
+    timed = Table(("row", "s a run", "must", "goal", "holds"))
+    held = Table(("row", "GiB of memory", "must", "holds"))
+    for row in rows:
+        name, took, memory = row["name"], row["seconds"], row["bytes_per_simulation"]
+        if name not in LIMITS:
+            continue
+        must, goal = LIMITS[name]
+        reached = goal is not None and took <= goal
+        holds = "yes, and the goal" if reached else "yes" if took <= must else "**no**"
+        timed.add(name, f"{took:.1f}", f"{must:g}", _limit(goal), holds)
+        if name in MOST and memory:
+            most = memory / 2**30
+            holds = "yes" if most <= MOST[name] else "**no**"
+            held.add(name, f"{most:.2f}", f"{MOST[name]:g}", holds)
+    about = (
+        f"{where['cpu']}, {where['cores']} cores; torch threads {where['torch_threads']}, "
+        f"OMP_NUM_THREADS {where['omp_num_threads']}; "
+        f"medians of {len(rows[0]['runs'])} interleaved rounds; ratios of each round\n"
+    )
+    shown = [every, compared, *(one for one in (timed, held) if one.rows)]
+    skipped = [f"Skipped {line}\n" for line in document["skipped"]]
+    return "\n".join([about, *(one.markdown() for one in shown), *skipped])
 
 
-def _verdict(row: str, of: str, must: float | None, goal: float | None, ratios: list[float]) -> str:
+def _verdict(
+    row: str, of: str, must: float | None, goal: float | None, ratios: list[float]
+) -> tuple[str, ...]:
     """Return a line of the second table."""
     middle = _median(ratios)
     if middle is None:
@@ -184,26 +189,12 @@ def _verdict(row: str, of: str, must: float | None, goal: float | None, ratios: 
     else:
         holds = "yes" if middle >= must else "**no**"
     spread = f"{min(ratios):.3g} to {max(ratios):.3g}" if ratios else ""
-    limits = ("" if limit is None else f"{limit:g}" for limit in (must, goal))
-    cells = (f"{row} / {of}", _number(middle, 3), _interval(ratios), spread, *limits, holds)
-    return f"| {' | '.join(cells)} |"
+    shown = (_number(middle, 3), _interval(ratios), spread, _limit(must), _limit(goal))
+    return (f"{row} / {of}", *shown, holds)
 
 
-def _limit(row: dict[str, Any]) -> str:
-    """Return a line of the third table: what a run took against what it may take."""
-    must, goal = LIMITS[row["name"]]
-    took = row["seconds"]
-    holds = "yes" if took <= must else "**no**"
-    if goal is not None and took <= goal:
-        holds = "yes, and the goal"
-    aim = "" if goal is None else f"{goal:g}"
-    return f"| {row['name']} | {took:.1f} | {must:g} | {aim} | {holds} |"
-
-
-def _most(row: dict[str, Any]) -> str:
-    """Return a line of the fourth table: the memory that a run took against what it may take."""
-    took, must = row["bytes_per_simulation"] / 2**30, MOST[row["name"]]
-    return f"| {row['name']} | {took:.2f} | {must:g} | {'yes' if took <= must else '**no**'} |"
+def _limit(value: float | None) -> str:
+    return "" if value is None else f"{value:g}"
 
 
 def _rate(row: dict[str, Any]) -> str:
