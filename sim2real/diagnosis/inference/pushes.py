@@ -173,10 +173,9 @@ def _tried(fitter: Fitter, fit: Fit, window: int, seen: float) -> Iterator[Pushe
 
 def _candidate(joint: str) -> Candidate:
     """Return a push of a joint as a member, its torque and its moments free."""
-    none = np.zeros(3)
     every = np.array([1.0, 0.0, 1.0])
     effect = Push(joint, free=("start", "end"))
-    far = np.full(3, LONGEST)
+    none, far = np.zeros_like(every), np.full_like(every, LONGEST)
     return Candidate(effect, joint, every[None], none, -far, far, RULES)
 
 
@@ -186,4 +185,4 @@ def _job(
     """Return a window with a push of one newton metre added to a hypothesis."""
     count = sum(len(member.neutral) for member in hypothesis.effects)
     pushed = Hypothesis((*hypothesis.effects, push, *hypothesis.changes))
-    return Job(pushed, np.insert(values, [count] * 3, [1.0, *span])[None], some)
+    return Job(pushed, np.insert(values, count, [1.0, *span])[None], some)

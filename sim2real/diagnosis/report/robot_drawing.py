@@ -136,7 +136,7 @@ def _fit(shapes: Sequence[_Shape], joints: Sequence[np.ndarray]) -> tuple[float,
     """Return the size of a metre in the picture, and the shift of points of that size, (2,)."""
     low = np.min([*(s.points.min(axis=0) - s.radius for s in shapes), *joints], axis=0)
     high = np.max([*(s.points.max(axis=0) + s.radius for s in shapes), *joints], axis=0)
-    size, middle = np.array([WIDTH, HEIGHT]), (low + high) / 2
+    size, middle = np.array([WIDTH, HEIGHT]), np.mean([low, high], axis=0)
     room = size - 2 * np.array([LABEL, MARGIN])
     scale = float((room / np.maximum(high - low, SMALLEST)).min())
     return scale, size / 2 - middle * scale
