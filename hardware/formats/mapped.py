@@ -21,7 +21,7 @@ extra `data`).
 
 import csv
 import fnmatch
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,7 @@ from hardware.errors import LogError, did_you_mean, format_names
 from hardware.formats import parquet
 from hardware.formats.cells import NANO, is_value, labels, numbers, seconds
 from hardware.formats.csv_file import separator_of
-from hardware.formats.names import known
+from hardware.formats.names import check_sources, known
 from hardware.formats.sidecar import read_meta
 from hardware.formats.units import COUNTS, factor
 
@@ -110,12 +110,19 @@ def _mapping(file: Path) -> dict[str, Any]:
             entry = {**_as_servo_counts(tree.get("meta") or {}, f"{file}, {name}", name), **entry}
             entry["unit"] = entry.pop("counts")
         tree["columns"][name] = entry
+    check_sources({n: _place(entry) for n, entry in tree["columns"].items()}, str(file))
     for kind in ("ctrl", "qpos"):
         if not any(str(name).startswith(f"{kind}.") for name in tree["columns"]):
             raise LogError(
                 f"{file}: `{kind}.<joint>: {{from: NAME}}` is missing for at least one joint"
             )
     return tree
+
+
+def _place(entry: Mapping[str, Any]) -> str:
+    """Return where an entry is read from: a name, and the column of an array."""
+    index = f", index {entry['index']}" if "index" in entry else ""
+    return entry["from"].strip("/") + index
 
 
 def _as_servo_counts(meta: dict[str, Any], place: str, name: str) -> dict[str, Any]:

@@ -27,7 +27,7 @@ import numpy as np
 import yaml
 
 from hardware.errors import LogError, did_you_mean, format_names
-from hardware.formats.names import KINDS, READING
+from hardware.formats.names import KINDS, READING, check_sources
 from hardware.formats.rates import Series, align, merge
 from hardware.formats.sidecar import read_meta
 from hardware.formats.units import factor
@@ -161,7 +161,7 @@ def _series(path: Path, file: Path, tree: Mapping[str, Any]) -> dict[str, Series
     for channel in tree["channels"]:
         by_topic[channel["topic"]].append(channel)
     samples: dict[str, list[tuple[int, float]]] = defaultdict(list)
-    renamed, seen = tree.get("joints", {}), set()
+    renamed, seen, sources = tree.get("joints", {}), set(), dict[str, str]()
     for topic, logged, message in messages(path, by_topic):
         seen.add(topic)
         stamp = logged if tree.get("stamp", "header") == "log" else _stamp(message, logged)
@@ -180,9 +180,11 @@ def _series(path: Path, file: Path, tree: Mapping[str, Any]) -> dict[str, Series
             scale = float(channel.get("scale", 1.0)) * factor(
                 str(channel.get("unit", "1")), f"{file}, {topic}", str(channel["to"])
             )
-            for name, value in zip(names, values, strict=True):
+            for i, (name, value) in enumerate(zip(names, values, strict=True)):
                 column = f"{channel['to']}.{renamed.get(name, name)}"
+                sources[column] = f"{topic}, {channel['field']}[{i}]"
                 samples[column].append((stamp, scale * float(value)))
+    check_sources(sources, str(file))
     missing = [topic for topic in by_topic if topic not in seen]
     if missing:
         there = topics(path)

@@ -76,6 +76,9 @@ def test_a_recording_without_a_mapping_says_what_it_holds(tmp_path: Path) -> Non
         ("qpos.pan", {"form": "x"}, "`from` .* is missing"),
         ("position.pan", "pan qpos", "unknown column 'position.pan'"),
         ("qpos.pan", {"from": "pan qpos", "unit": "grad"}, "unit 'grad' is not known"),
+        ("qpos.pan", "lift qpos", "'qpos.lift' and 'qpos.pan' are both read from 'lift qpos'"),
+        ("qpos.pan", "pan ctrl", "'ctrl.pan' and 'qpos.pan' are both read from 'pan ctrl'"),
+        (0, {"topic": "/joint_states", "field": "position"}, "both read from '/joint_states, pos"),
     ],
 )
 def test_a_wrong_mapping_is_named(tmp_path, place: int | str, change: Any, sentence: str) -> None:
@@ -91,6 +94,19 @@ def test_a_wrong_mapping_is_named(tmp_path, place: int | str, change: Any, sente
     file.write_text(yaml.safe_dump(tree))
     with pytest.raises(LogError, match=sentence):
         read_log(path)
+
+
+def test_what_may_share_a_source(tmp_path: Path) -> None:
+    """One command of two actuators, a time that is a stamp, an observation of a position."""
+    path = renamed_csv(tmp_path, run())
+    file = tmp_path / "columns.yaml"
+    tree = yaml.safe_load(file.read_text())
+    shared = {"ctrl.lift": "ctrl.pan", "stamp.lift": "time", "obs.0": "qpos.pan"}
+    tree["columns"] |= {name: tree["columns"][other] for name, other in shared.items()}
+    file.write_text(yaml.safe_dump(tree, sort_keys=False))
+    log = read_log(path)
+    np.testing.assert_array_equal(log.column("ctrl.lift"), log.column("ctrl.pan"))
+    np.testing.assert_array_equal(log.column("obs.0"), log.column("qpos.pan"))
 
 
 @pytest.mark.parametrize(
