@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from hardware.errors import LogError, format_names
+from hardware.formats.names import SOURCE_UNITS
 from hardware.log import Log, read_logs, write_log
 
 
@@ -58,7 +59,9 @@ def renamed(log: Log, joints: Sequence[str]) -> Log:
     new = dict(zip(log.joints, joints, strict=True))
     columns = {_renamed(name, new): values for name, values in log.columns.items()}
     settings = {new.get(name, name): value for name, value in log.settings.items()}
-    meta = {**log.meta, **({"settings": settings} if settings else {})}
+    units = {_renamed(n, new): unit for n, unit in log.meta.get(SOURCE_UNITS, {}).items()}
+    tables = {"settings": settings, SOURCE_UNITS: units}
+    meta = {**log.meta, **{key: table for key, table in tables.items() if table}}
     return Log(columns, meta, log.path)
 
 

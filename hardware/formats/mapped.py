@@ -34,7 +34,7 @@ from hardware.errors import LogError, did_you_mean, format_names
 from hardware.formats import parquet
 from hardware.formats.cells import NANO, is_value, labels, numbers, seconds
 from hardware.formats.csv_file import separator_of
-from hardware.formats.names import check_sources, known
+from hardware.formats.names import SOURCE_UNITS, check_sources, known
 from hardware.formats.sidecar import read_meta
 from hardware.formats.units import COUNTS, factor
 
@@ -78,8 +78,13 @@ def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         parts.append(_completed(path, file, columns, mapping.get("rate"), number))
     names = list(parts[0])
     joined = {name: np.concatenate([part[name] for part in parts]) for name in names}
+    units = {
+        name: str(entry["unit"])
+        for name, entry in mapping["columns"].items()
+        if "unit" in entry and abs(float(entry.get("scale", 1.0))) == 1.0
+    }
     meta = {**mapping.get("meta", {}), **read_meta(path.with_suffix(".json"))}
-    return joined, meta
+    return joined, {**meta, **({SOURCE_UNITS: units} if units else {})}
 
 
 def _mapping(file: Path) -> dict[str, Any]:

@@ -27,10 +27,10 @@ import numpy as np
 import yaml
 
 from hardware.errors import LogError, did_you_mean, format_names
-from hardware.formats.names import KINDS, READING, check_sources
+from hardware.formats.names import KINDS, READING, SOURCE_UNITS, check_sources
 from hardware.formats.rates import Series, align, merge
 from hardware.formats.sidecar import read_meta
-from hardware.formats.units import factor
+from hardware.formats.units import PLAIN, factor
 
 NAME = "topics.yaml"
 KEYS = ("channels", "joints", "stamp", "gap", "meta")
@@ -58,9 +58,10 @@ def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
             f"(`sim2real convert {path.name} columns={NAME}` writes one); it has: {there}"
         )
     tree = _checked(file)
-    series = _series(path, file, tree)
+    series, units = _series(path, file, tree)
     columns, notes = _rows(path, file, tree, series)
     meta = {**tree.get("meta", {}), **read_meta(path.with_suffix(".json"))}
+    meta |= {SOURCE_UNITS: units} if units else {}
     return columns, {"source": "messages", READING: notes, **meta}
 
 
@@ -155,13 +156,16 @@ def _checked(file: Path) -> dict[str, Any]:
     return tree
 
 
-def _series(path: Path, file: Path, tree: Mapping[str, Any]) -> dict[str, Series]:
-    """Return every signal by its column, in the order of the channels."""
+def _series(
+    path: Path, file: Path, tree: Mapping[str, Any]
+) -> tuple[dict[str, Series], dict[str, str]]:
+    """Return every signal by its column, in the order of the channels, and the unit of some."""
     by_topic: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for channel in tree["channels"]:
         by_topic[channel["topic"]].append(channel)
     samples: dict[str, list[tuple[int, float]]] = defaultdict(list)
     renamed, seen, sources = tree.get("joints", {}), set(), dict[str, str]()
+    units = dict[str, str]()
     for topic, logged, message in messages(path, by_topic):
         seen.add(topic)
         stamp = logged if tree.get("stamp", "header") == "log" else _stamp(message, logged)
@@ -177,12 +181,12 @@ def _series(path: Path, file: Path, tree: Mapping[str, Any]) -> dict[str, Series
                 raise LogError(
                     f"{place}: {channel['field']!r} has {len(values)} numbers, {len(names)} names"
                 )
-            scale = float(channel.get("scale", 1.0)) * factor(
-                str(channel.get("unit", "1")), f"{file}, {topic}", str(channel["to"])
-            )
+            own, unit = float(channel.get("scale", 1.0)), str(channel.get("unit", PLAIN))
+            scale = own * factor(unit, f"{file}, {topic}", str(channel["to"]))
             for i, (name, value) in enumerate(zip(names, values, strict=True)):
                 column = f"{channel['to']}.{renamed.get(name, name)}"
                 sources[column] = f"{topic}, {channel['field']}[{i}]"
+                units |= {column: unit} if abs(own) == 1.0 and unit != PLAIN else {}
                 samples[column].append((stamp, scale * float(value)))
     check_sources(sources, str(file))
     missing = [topic for topic in by_topic if topic not in seen]
@@ -193,7 +197,7 @@ def _series(path: Path, file: Path, tree: Mapping[str, Any]) -> dict[str, Series
             f"it has {format_names(there)}"
         )
     first = min(stamp for pairs in samples.values() for stamp, _ in pairs) if samples else 0
-    return {name: _sorted(pairs, first) for name, pairs in samples.items()}
+    return {name: _sorted(pairs, first) for name, pairs in samples.items()}, units
 
 
 def _sorted(pairs: Sequence[tuple[int, float]], first: int) -> Series:

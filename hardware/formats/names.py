@@ -6,6 +6,7 @@ from hardware.errors import LogError
 
 REQUIRED = ("episode", "time")
 READING = "reading"  # metadata: what the reader mended, in sentences
+SOURCE_UNITS = "source_units"  # metadata: the units of a mapping, by column, that only they convert
 IMPEDANCE_KINDS = ("kp", "kd", "qvel_des", "torque_ff")  # of a joint under impedance control
 ACTUATOR_KINDS = ("ctrl", "torque", "current", "voltage", "temperature", *IMPEDANCE_KINDS)
 JOINT_KINDS = ("qpos", "qvel", "stamp")

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hardware.errors import LogError
+from hardware.formats.names import SOURCE_UNITS
 
 
 def read_meta(path: Path) -> dict[str, Any]:
@@ -24,8 +25,8 @@ def read_meta(path: Path) -> dict[str, Any]:
         raise LogError(f"{path}: the metadata is a {kind}, not a table of names and values")
     if not isinstance(meta.get("model", ""), str):
         raise LogError(f"{path}: 'model' is {meta['model']!r}; it is the path of an MJCF or URDF")
-    if not isinstance(meta.get("settings", {}), dict):
-        raise LogError(
-            f"{path}: 'settings' is {meta['settings']!r}; it is a table of registers by actuator"
-        )
+    tables = {"settings": "registers by actuator", SOURCE_UNITS: "units by column"}
+    for key, what in tables.items():
+        if not isinstance(meta.get(key, {}), dict):
+            raise LogError(f"{path}: {key!r} is {meta[key]!r}; it is a table of {what}")
     return meta

@@ -30,7 +30,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {  # by dimension: factor to SI
     "temperature": {"°C": 1.0, "degC": 1.0},
     "number": {PLAIN: 1.0},
 }
-MOVES, PUSHES = ("angle", "length"), ("torque", "force")
+MOVES, PUSHES = ("angle", "length"), ("torque", "force")  # of a hinge, of a slide
 SPEEDS = ("angular speed", "speed")
 TAKES: Mapping[str, Sequence[str]] = {  # dimensions by kind of column; others take any
     "time": ("time",),
@@ -72,6 +72,27 @@ def factor(unit: str, place: str, kind: str) -> float:
             f"{' or '.join(allowed)}; its units are {format_names(units)}"
         )
     return size
+
+
+def check_unit(unit: str, place: str, slide: bool) -> None:
+    """Refuse a unit of a slide's motion for a hinge, and of a hinge's for a slide.
+
+    Args:
+        unit: the unit.
+        place: for the message: the log, and the column.
+        slide: whether the column's joint is a slide.
+
+    Raises:
+        LogError: with the units that are allowed.
+    """
+    dimension, _ = _find(unit, place)
+    for pair in (MOVES, SPEEDS, PUSHES):
+        if dimension == pair[not slide]:
+            raise LogError(
+                f"{place}: {unit!r} is a unit of {dimension}, but its joint is a "
+                f"{'slide' if slide else 'hinge'}, which takes {format_names(UNITS[pair[slide]])}; "
+                "correct `unit` in the mapping, or give the `scale` that converts it to SI"
+            )
 
 
 def _find(unit: str, place: str) -> tuple[str, float]:

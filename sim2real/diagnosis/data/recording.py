@@ -23,6 +23,8 @@ import numpy as np
 from envs.errors import TaskError
 from envs.models import columns_of, load_spec
 from envs.replay import Recording, switchable
+from hardware.formats.names import ACTUATOR_KINDS, JOINT_KINDS, SOURCE_UNITS
+from hardware.formats.units import check_unit
 from hardware.log import Log, check_names
 from sim2real.diagnosis.data.impedance import gear_of, laws_of, with_laws
 from sim2real.diagnosis.data.pairs import driven_by
@@ -113,11 +115,21 @@ def _reserve(actuator: mujoco.MjsActuator, dt: float) -> None:
 
 
 def check_log(log: Log, model: mujoco.MjModel) -> None:
-    """Raise LogError if the log names what the model lacks, or lacks a joint that it drives."""
+    """Raise LogError for a log that is another model's.
+
+    It names what the model lacks, lacks a joint that an actuator drives, or was mapped in a length
+    where the model has a hinge, or in an angle where it has a slide.
+    """
     joints = [model.joint(i).name for i in range(model.njnt)]
     actuators = [model.actuator(i).name for i in range(model.nu)]
-    driven = [driven_by(model, name) for name in actuators if name in log.actuators]
-    check_names(log, joints, actuators, [own[1] for own in driven if own is not None])
+    driven = {n: own[1] for n in log.actuators if (own := driven_by(model, n)) is not None}
+    check_names(log, joints, actuators, driven.values())
+    for column, unit in log.meta.get(SOURCE_UNITS, {}).items():
+        kind, _, name = column.partition(".")
+        joint = driven.get(name) if kind in ACTUATOR_KINDS else name
+        if joint in joints and kind in (*ACTUATOR_KINDS, *JOINT_KINDS):
+            slide = model.joint(joint).type[0] == mujoco.mjtJoint.mjJNT_SLIDE
+            check_unit(unit, f"{log.path or 'the log'}, column {column!r}", slide)
 
 
 def episode_rows(log: Log) -> Iterator[slice]:

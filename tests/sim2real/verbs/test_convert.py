@@ -18,11 +18,14 @@ def convert(out: Path, *words: str) -> list[Path]:
 def test_a_recording_of_messages_becomes_a_csv(tmp_path: Path) -> None:
     """The CSV that comes out reads back as the recording itself does."""
     path = mcap(tmp_path, run())
+    mapping = tmp_path / "topics.yaml"
+    mapping.write_text(mapping.read_text().replace("to: qpos", "to: qpos\n  unit: deg"))
     (made,) = convert(tmp_path / "out", f"log={path}", "joints=[a,b]")
     assert made == tmp_path / "out" / "run.csv"
     log, before = read_log(made), read_log(path)
     assert log.joints == ["a", "b"]
     assert (log.column("qpos.a") == before.column("qpos.pan")).all()
+    assert log.meta["source_units"] == {"qpos.a": "deg", "qpos.b": "deg"}
 
 
 def test_a_first_mapping_is_written_instead(tmp_path: Path) -> None:

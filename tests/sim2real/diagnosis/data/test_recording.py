@@ -8,8 +8,11 @@ import pytest
 
 from envs.plant import Plant
 from envs.replay import replay, switchable
-from hardware.log import Log, read_logs, write_log
+from hardware.convert import convert
+from hardware.errors import LogError
+from hardware.log import Log, read_log, read_logs, write_log
 from sim2real.diagnosis.data.recording import (
+    check_log,
     load_model,
     shorten,
     to_recording,
@@ -28,6 +31,11 @@ SWING = """
 <mujoco><option timestep="0.02" integrator="{integrator}"/><worldbody><body>
 <joint name="a" axis="0 1 0"/><geom size="0.05" pos="0 0 -0.5" mass="1"/></body></worldbody>
 <actuator><motor name="a" joint="a"/></actuator></mujoco>
+"""
+LIFT = """
+<mujoco><worldbody><body><joint name="turn"/><geom size=".1"/>
+<body pos=".3 0 0"><joint name="rise" type="slide"/><geom size=".1"/></body></body></worldbody>
+<actuator><position name="turn" joint="turn"/><position name="up" joint="rise"/></actuator></mujoco>
 """
 ROW = 57  # of a start in mid-motion
 
@@ -213,3 +221,35 @@ def test_shorter_steps_wait_as_long() -> None:
     assert model.opt.timestep == pytest.approx(arm.STEP / 5)
     assert all(actuator.delay == 0.01 for actuator in spec.actuators)
     assert all(actuator.nsample * model.opt.timestep > 0.01 for actuator in spec.actuators)
+
+
+@pytest.mark.parametrize(
+    ("column", "entry", "words"),
+    [
+        ("qpos.turn", "unit: mm", "'mm' is a unit of length, but its joint is a hinge.*'rad'"),
+        ("ctrl.up", "unit: deg", "'deg' is a unit of angle, but its joint is a slide.*'m', 'mm'"),
+        ("qvel.rise", "unit: rpm", "'rpm' is a unit of angular speed.*'m/s', 'mm/s'"),
+        ("qpos.rise", "unit: counts/4096", "'counts/4096' is a unit of angle"),
+        ("qpos.rise", "unit: counts/4096, scale: 0.01", None),  # m/rad: a rack on a pinion
+        ("qpos.rise", "unit: mm, scale: -1", None),
+        ("ctrl.up", "unit: mm", None),
+        ("qvel.turn", "unit: deg/s", None),
+    ],
+)
+def test_units_are_those_of_the_joint(tmp_path, column: str, entry: str, words: str | None) -> None:
+    """A length is refused for a hinge, an angle for a slide, also once the log was converted."""
+    names = ["qpos.turn", "qpos.rise", "ctrl.turn", "ctrl.up"]
+    lines = {"time": "{from: t}", **{name: f"{{from: {name}}}" for name in names}}
+    lines[column] = f"{{from: {'v' if 'qvel' in column else column}, {entry}}}"
+    text = "".join(f"  {name}: {line}\n" for name, line in lines.items())
+    (tmp_path / "columns.yaml").write_text(f"columns:\n{text}", encoding="utf-8")
+    rows = "".join(f"{0.1 * i},{i},0,1,{i},2\n" for i in range(5))
+    (tmp_path / "run.csv").write_text(f"t,{','.join(names)},v\n{rows}", encoding="utf-8")
+    (made,) = convert(tmp_path / "run.csv", tmp_path / "made")
+    model = mujoco.MjModel.from_xml_string(LIFT)
+    for path in (tmp_path / "run.csv", made):
+        if words is None:
+            check_log(read_log(path), model)
+            continue
+        with pytest.raises(LogError, match=f"{column}.*{words}.*correct `unit`"):
+            check_log(read_log(path), model)
