@@ -6,7 +6,8 @@
 The integrated speed is compared with the position, so that counts are not differentiated; one
 least-squares problem a joint gives scale and delay, the latter to well below a row's length. A
 register that is late is filtered, or read late: both delay slow motions alike. One that is early
-was not stamped on the positions' clock.
+was not stamped on the positions' clock. An exact speed may seem up to half a row late: commands
+change at the rows, so that a speed read before one is rather that of the row that ends.
 """
 
 from collections.abc import Iterator, Sequence
@@ -32,6 +33,7 @@ class SpeedLaw(NamedTuple):
     scale: float  # of the speed, in changes of the position over time
     delay: float  # s
     error: float  # standard error of the delay, s
+    row: float  # median time between readings, s
 
 
 def check_speeds(pairs: Pairs, settings: Settings = DEFAULT) -> Iterator[Finding]:
@@ -55,7 +57,8 @@ def check_speeds(pairs: Pairs, settings: Settings = DEFAULT) -> Iterator[Finding
             "clock as the mistake, correct that instead.",
         )
     for joint, law in laws.items():
-        if abs(law.delay) < max(limits.offset_s, limits.sigmas * law.error):
+        unclear = max(limits.offset_s, limits.sigmas * law.error)
+        if -unclear < law.delay < unclear + law.row / 2:
             continue
         check, side = ("velocity_filter", "after") if law.delay > 0 else ("clock", "before")
         size = f"{abs(law.delay) / MILLI:.1f} ms (± {2 * law.error / MILLI:.1f})"
@@ -113,4 +116,5 @@ def speed_law(
         return None
     spread = left / max(len(wanted) - len(fit.x), 1)
     error = np.sqrt(spread * np.linalg.pinv(fit.jac.T @ fit.jac)[1, 1])
-    return SpeedLaw(1 / float(gain), float(delay), float(error))
+    row = float(np.median(np.concatenate([np.diff(time) for time, *_ in known])))
+    return SpeedLaw(1 / float(gain), float(delay), float(error), row)
