@@ -27,6 +27,7 @@ from hardware.link import LinkMonitor
 from hardware.log import Log
 from hardware.log_writer import LogWriter
 from hardware.pace import FixedRate
+from hardware.ranges import check_ranges
 from hardware.safety import Guard
 
 Row = dict[str, float]
@@ -34,8 +35,13 @@ _logger = logging.getLogger(__name__)
 
 
 def joint_names(robot: Robot) -> list[str]:
-    """Return the joint that each servo turns, in the order of the robot's file."""
+    """Return the joint that each servo turns, in the order of the robot's file.
+
+    Raises:
+        RobotError: limits that lead far out of a joint's range.
+    """
     model = mujoco.MjModel.from_xml_path(str(robot.model))
+    check_ranges(robot, model)
     joints = [model.actuator(name).trnid[0] for name in robot.names]
     return [model.joint(int(joint)).name for joint in joints]
 

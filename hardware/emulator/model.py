@@ -15,6 +15,7 @@ from hardware.config import Robot
 from hardware.emulator.hidden import HiddenEffects
 from hardware.errors import RobotError, format_names
 from hardware.parts import Imu
+from hardware.ranges import check_ranges
 
 IMU_SENSORS = {  # of the emulated IMU, in addition to the model's own sensors
     "orientation": ("imu orientation", mujoco.mjtSensor.mjSENS_FRAMEQUAT),
@@ -35,7 +36,8 @@ def build_model(
         timestep: the timestep of the physics [s].
 
     Raises:
-        RobotError: the model cannot be read, or servos and actuators do not go together.
+        RobotError: the model cannot be read, servos and actuators do not go together, or limits
+            lead far out of a joint's range.
     """
     try:
         spec = mujoco.MjSpec.from_file(str(robot.model))
@@ -97,6 +99,7 @@ def _check(robot: Robot, model: mujoco.MjModel) -> None:
         )
     if len(actuators) > MOST_SERVOS:
         raise RobotError(f"{robot.name} has {len(actuators)} servos; at most {MOST_SERVOS}")
+    check_ranges(robot, model)
 
 
 def _make_motor(actuator: mujoco.MjsActuator, constant: float, resistance: float, i: int) -> None:

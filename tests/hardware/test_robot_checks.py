@@ -12,6 +12,7 @@ from hardware.emulator.loopback import LoopbackPort
 from hardware.emulator.world import EmulatedRobot
 from hardware.errors import RobotError, ServoError
 from hardware.parts import Servo
+from hardware.record import joint_names
 from hardware.tables import servo_type, servo_types
 from tests.hardware.conftest import bench_data
 
@@ -133,3 +134,20 @@ def test_a_multi_turn_servo_reaches_what_its_goal_register_holds():
     assert make_robot(with_register("operating_mode", 4, position=[-10, 10]))
     with pytest.raises(RobotError, match=r"takes -1048575 to 1048575: narrow it .* in rad"):
         make_robot(with_register("operating_mode", 4, position=[-2000, 10]))
+
+
+@pytest.mark.parametrize("mode", [4, 5])
+def test_degrees_of_a_multi_turn_servo_are_refused_by_its_model(mode):
+    """Its encoder takes 90 rad; the joint turns by 2.2. Real robots are checked, too."""
+    robot = make_robot(with_register("operating_mode", mode, position=[-90, 90]))
+    for check in (EmulatedRobot, joint_names):
+        with pytest.raises(RobotError, match=r"position \[-90, 90\].* range -2.2 to 2.2 rad"):
+            check(robot)
+    assert joint_names(make_robot(with_register("operating_mode", mode))) == ["hinge"]
+
+
+def test_a_joint_without_a_range_may_turn_many_times(chain):
+    """A wheel or a winch; the model says nothing of it."""
+    robot = chain(1, registers={"operating_mode": 4})
+    wheel = replace(robot.servos[0], position=(-90.0, 90.0))
+    assert joint_names(replace(robot, servos=(wheel,))) == ["hinge1"]
