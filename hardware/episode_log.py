@@ -7,12 +7,13 @@
     log.follow(measured)                                        # the next row's measurement
     log.finish({"missed": 0})                                   # logs/episode-0000.csv
 
-Beside the columns of every log there are `obs.<i>` and `action.<i>` (what the policy saw and said),
-`action.<servo>` (the goal that the task made of it) where `ctrl.<servo>` is what was sent;
-`sensor.count_`, `duty_`, `load_`, `torque_`, `fresh_` and `lost_<servo>` (raw position, duty, load
-where no current is measured, N·m, whether the answer is new, answers lost or stale so far), those
-of the IMU if the robot's file says its site, `sensor.<name>_<i>` of another sensor, `flag.late` (a
-deadline was missed in this step), `flag.limited` (the guard sent less than the goal),
+Beside the columns of every log there are `obs.<i>` and `action.<i>` (what the policy saw and said,
+cut at the task's limits as in training), `action.<servo>` (the goal that the task made of it,
+within the robot's limits) where `ctrl.<servo>` is what was sent; `sensor.count_`, `duty_`, `load_`,
+`torque_`, `fresh_` and `lost_<servo>` (raw position, duty, load where no current is measured, N·m,
+whether the answer is new, answers lost or stale so far), those of the IMU if the robot's file says
+its site, `sensor.<name>_<i>` of another sensor, `flag.late` (a deadline was missed in this step),
+`flag.limited` (the guard sent less than the goal; what the task itself cut is not flagged),
 `flag.stopped` and `flag.end` (the episode's last measurement: nothing was sent any more, the last
 command holds).
 """

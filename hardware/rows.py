@@ -59,9 +59,9 @@ class Commanded(NamedTuple):
 class ActionRecord(NamedTuple):
     """The outcome of the last action; n servos in the task's order."""
 
-    goal: np.ndarray  # rad, (n,): what the task made of the action
+    goal: np.ndarray  # rad, (n,): what the task made of the action, within its own limits
     applied: np.ndarray  # rad, (n,): what was sent after every limit
-    limited: np.ndarray  # (n,) bool: where they differ by a limit
+    limited: np.ndarray  # (n,) bool: where they differ by a limit of the guard's
     fresh: np.ndarray  # (n,) bool: servos with a new answer
     age: float  # s from asking the servos to writing the command
     missed: int  # deadlines missed in this step
