@@ -26,7 +26,7 @@ from sim2real.diagnosis.preflight.control_laws import measured_torques
 from sim2real.diagnosis.preflight.hunting import tell_simulated
 from sim2real.diagnosis.prepare import PreparedLogs
 from sim2real.diagnosis.report.traces import signals, traces
-from sim2real.diagnosis.schema import Verdict, WholeReplay
+from sim2real.diagnosis.schema import LOG_UNITS, Verdict, WholeReplay
 from sim2real.diagnosis.settings import Settings
 from sim2real.runs.errors import Sim2RealError
 
@@ -100,7 +100,25 @@ def pictured(found: Diagnosis, made: Conclusion, data: Data, floors: np.ndarray)
     evidence = replace(
         found.report.evidence, traces=pictures, signals=signals(data.logs, data.log_models)
     )
-    return found._replace(report=replace(found.report, evidence=evidence))
+    return in_log_units(found._replace(report=replace(found.report, evidence=evidence)))
+
+
+def in_log_units(found: Diagnosis) -> Diagnosis:
+    """Return the diagnosis with errors in LOG_UNITS where the log's unit is itself the mistake.
+
+    Errors are of the readings as logged: degrees that were taken for rad stay degrees.
+    """
+    report = found.report
+    wrong = {c.where for c in report.causes if c.effect == "unit" and "qpos" in c.extra["columns"]}
+    if not wrong:
+        return found
+    traces = tuple(
+        replace(trace, unit=LOG_UNITS) if wrong & {None, trace.joint} else trace
+        for trace in report.evidence.traces
+    )
+    unit = "spread" if report.gap.unit == "spread" else LOG_UNITS  # a ratio is one in any unit
+    evidence, gap = replace(report.evidence, traces=traces), replace(report.gap, unit=unit)
+    return found._replace(report=replace(report, evidence=evidence, gap=gap))
 
 
 def witnessed(found: Diagnosis, data: Data) -> Diagnosis:

@@ -154,6 +154,7 @@ def run_diagnosis(
         tuple(Member(*one) for one in made.alike),
         {joint.name: float(f) for joint, f in zip(data.joints, floors, strict=True)},
     )
+    outcome = additions.in_log_units(outcome)
     name = "the replay of whole recordings"
     outcome = additions.added(outcome, name, lambda d: additions.replayed(d, prepared, settings))
     if on_verdict is not None:

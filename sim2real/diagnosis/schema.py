@@ -32,6 +32,7 @@ from sim2real.runs.files import write_text
 
 SCHEMA = 3  # written; 1 knows neither `fitted` nor `shared`, 2 no `kind` of a cause: both are read
 READ = (1, 2, SCHEMA)
+LOG_UNITS = "log units"  # of errors, where the unit of the log's positions is itself a mistake
 Verdict = Literal["explained", "partly_explained", "fitted", "unexplained", "no_gap"]
 Kind = Literal["robot", "log", "world"]
 Form = Literal["holds", "contradicted"]
@@ -44,7 +45,8 @@ class GapMetrics:
 
     Args:
         unit: rad or m; "spread" if the robot has both kinds of joints: errors are then relative to
-            the standard deviation of a joint's positions.
+            the standard deviation of a joint's positions; "log units" if the unit of the log's
+            positions is itself a mistake.
         closed: fraction of the closable gap, `before` minus `noise_floor`, that is closed; None if
             there is no gap.
     """

@@ -13,6 +13,7 @@ from sim2real.diagnosis import additions
 from sim2real.diagnosis.diagnose import run_diagnosis
 from sim2real.diagnosis.outcome import Diagnosis, final_message, write
 from sim2real.diagnosis.prepare import PreparedLogs
+from sim2real.diagnosis.report.text import details
 from sim2real.diagnosis.schema import Cause, Finding, GapMetrics, Report, Unexplained
 from sim2real.diagnosis.settings import DEFAULT
 from sim2real.runs.errors import Sim2RealError
@@ -129,6 +130,8 @@ def test_degrees_are_a_cause_of_the_log(tmp_path: Path) -> None:
     assert (cause.kind, cause.effect) == ("log", "unit")
     assert any("pi / 180" in words for words in final_message(found.report))
     assert found.found == ()
+    assert {trace.unit for trace in found.report.evidence.traces} == {"log units"}
+    assert "log units as given" in details(found.report) and "rad" not in details(found.report)
 
 
 def test_no_logs_are_nothing_to_diagnose() -> None:
