@@ -287,7 +287,7 @@ class RandomizeParams(Transform):
         self.tasks = tasks
         self._rng = np.random.default_rng(0)
 
-    def set_seed(self, seed: int) -> None:
+    def set_seed(self, seed: int | None) -> None:
         """Decide the draws of an environment that does not draw by itself."""
         self._rng = np.random.default_rng(seed)
 

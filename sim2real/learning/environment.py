@@ -206,7 +206,7 @@ class EnvironmentFactory:
                     f"transforms.{name} is a {type(made).__name__}, not a transform; give a class "
                     "that inherits from torchrl.envs.Transform"
                 )
-            self._append(env, name, made, seed)
+            self._append(env, name, made)
         for one in extra:
             env.append_transform(one)
         env.transform.train()  # statistics follow what is shown; TorchRL makes environments frozen
@@ -218,7 +218,7 @@ class EnvironmentFactory:
             return one(tasks=self.tasks)
         return one(context=self.context_spec) if _tells(one) else one()
 
-    def _append(self, env: TransformedEnv, name: str, transform: Transform, seed: int) -> None:
+    def _append(self, env: TransformedEnv, name: str, transform: Transform) -> None:
         """Put a transform behind the others, and see that what it reads is there."""
         there = {_word(key) for key in env.full_observation_spec.keys(True, True)}
         there |= {_word(key) for key in (*env.reward_keys, *env.done_keys, *env.action_keys)}
@@ -229,8 +229,6 @@ class EnvironmentFactory:
                 f"transforms.{name}: {type(transform).__name__} reads {_word(lacking[0])!r}, which "
                 f"is missing; available before it: {', '.join(sorted(there - {'_reset'}))}"
             )
-        if isinstance(transform, RandomizeParams):
-            transform.set_seed(seed)
         env.append_transform(transform)
 
     def _base(self, num_envs: int, threads: int, device: torch.device | str) -> EnvBase:
@@ -309,6 +307,14 @@ class SerializableEnv(TransformedEnv):
     def __init__(self, base: EnvBase, made: EnvironmentFactory, seed: int) -> None:
         super().__init__(base, Compose([]))
         self.made, self.seed = made, seed
+
+    def set_seed(self, seed: int | None = None, static_seed: bool = False) -> int | None:
+        """Seed the world's episodes, and the draws of their robots; return the next seed."""
+        chain: Any = self.transform
+        for one in chain:
+            if isinstance(one, RandomizeParams):
+                one.set_seed(seed)
+        return super().set_seed(seed, static_seed)
 
 
 def make_env(

@@ -127,6 +127,25 @@ def test_a_resumed_run_starts_episodes_that_cannot_be_resumed(own: Path) -> None
     assert first.iterate()["train/episode_length"] == 12  # it was not interrupted
 
 
+def test_a_resumed_run_repeats_no_episode(own: Path) -> None:
+    """Episodes that start anew are others than the run's first, and each checkpoint's are its own.
+
+    A checkpoint is resumed in one way only.
+    """
+    words = ["env=point", "algorithm=ppo_sb3", *SMALL]
+    first, *others = (make_learner(words, own / "out") for _ in range(4))
+    env = first.collecting.env.made.make(4, seed=first.collecting.env.seed)
+    starts, known = [], [env.reset()["observation"] for _ in range(5)]
+    for learner in others[:2]:
+        first.iterate()
+        learner.load_state_dict(first.state_dict())
+        starts.append(learner.collecting.env.base_env.place)
+        assert not any(torch.equal(starts[-1], place) for place in known)
+    assert not torch.equal(*starts)
+    others[2].load_state_dict(first.state_dict())
+    assert torch.equal(others[2].collecting.env.base_env.place, starts[-1])
+
+
 def test_a_task_of_one_s_own_is_simulated(own: Path) -> None:
     """Its rewards are what its class says, on the same robot and under the same luck."""
     mine, ours = (

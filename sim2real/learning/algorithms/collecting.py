@@ -10,14 +10,15 @@ import weakref
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torchrl.collectors import BaseCollector, MultiCollector
-from torchrl.envs import TransformedEnv
 
 from envs.torch_env import RowsEnv
 from sim2real.learning.algorithms.base import Components
 from sim2real.learning.algorithms.returns import EpisodeReturnTracker
+from sim2real.learning.environment import SerializableEnv
 from sim2real.learning.trained import TrainedPolicy, drop_per_row_state, from_actor
 from sim2real.learning.transforms import affine, reward_scale
 from sim2real.runs.errors import CheckpointError
@@ -39,7 +40,7 @@ class ResumableCollector:
     def __init__(
         self,
         parts: Components,
-        env: TransformedEnv,
+        env: SerializableEnv,
         actor: TensorDictModuleBase,
         frames_per_batch: int,
     ) -> None:
@@ -111,10 +112,11 @@ class ResumableCollector:
         self._collector._carrier = carrier
 
     def _start_anew(self) -> None:
-        """Begin an episode in every row."""
+        """Begin an episode in every row, from other seeds than those before the checkpoint."""
         self.returns.restart()
-        if not isinstance(self._collector, MultiCollector):  # whose processes have just begun
-            self._collector.reset()
+        told = np.random.SeedSequence([self.env.seed, self._collector._frames])
+        self._collector.set_seed(int(told.generate_state(1)[0]) % 2**31)
+        self._collector.reset()
         log.warning(
             "%s in %s cannot resume its episodes; the resumed run starts new ones",
             type(self.env.base_env).__name__,

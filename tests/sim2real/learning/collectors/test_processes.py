@@ -38,6 +38,17 @@ def test_a_training_in_two_processes_repeats_and_ends() -> None:
     assert torch.equal(*ends)
 
 
+@pytest.mark.slow
+def test_a_resumed_training_begins_other_episodes() -> None:
+    """Its rewards and actions are none of the run's first."""
+    first, resumed = learner(), learner()
+    begun, _ = first.collecting.next(), first.close()
+    resumed.load_state_dict(first.state_dict())
+    again, _ = resumed.collecting.next(), resumed.close()
+    for key in ("action", ("next", "reward")):
+        assert begun[key][:, 0].ne(again[key][:, 0]).all()
+
+
 def test_what_processes_cannot_share_is_refused() -> None:
     """Statistics of all rows, and rows that do not divide."""
     with pytest.raises(Sim2RealError, match=r"collector\.workers=3 does not divide"):
