@@ -15,13 +15,11 @@ import numpy as np
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.score import Blocks, coherence
 from sim2real.diagnosis.evidence import Band
-from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.inference.hypotheses import NONE
 from sim2real.diagnosis.inference.replayer import Replayer
 from sim2real.diagnosis.locate import as_gaps, bands, locate
 from sim2real.diagnosis.schema import JointGap
 from sim2real.runs.errors import Sim2RealError
-
-NONE = Hypothesis(())
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,33 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim2real.diagnosis.inference.left import Left
 from sim2real.diagnosis.inference.score import Gain
 from sim2real.diagnosis.schema import Verdict
 from sim2real.diagnosis.settings.inference import Inference
+
+
+class Left(NamedTuple):
+    """What a discrepancy of any size gains over one of at most an encoder count.
+
+    Contact and sticking make errors jump: the few windows in which it gains most may be left.
+
+    Args:
+        gain: without these windows [nats a reading], with bounds.
+        worst: the same of a joint alone, of its own readings, where all pass and that is more.
+        whole: upper bound with them [nats a reading].
+        closes: share that the fit closes of the errors of the others that exceed noise.
+        usual: whether the errors of the model's parameters that it takes are as small as usual.
+    """
+
+    gain: Gain
+    worst: Gain
+    whole: float = 0.0
+    closes: float = 1.0
+    usual: bool = True
+
+    def is_nothing(self, settings: Inference) -> bool:
+        """Return whether a fit passes the test of equivalence."""
+        return self.usual and self.worst.high <= settings.equivalence_tolerance
 
 
 class Standing(NamedTuple):

@@ -10,13 +10,11 @@ import math
 import numpy as np
 
 from sim2real.diagnosis.inference.fit import Fit, Fitter
-from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import Likelihood
 from sim2real.diagnosis.inference.replayer import Replayer
 from sim2real.diagnosis.inference.score import FOLDS
 from sim2real.diagnosis.inference.unknowns import coarsen
 
-NONE = Hypothesis(())
 HALVES = 2  # half of the windows at most
 LEAST = 3  # windows of a fold that changes are screened on
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sim2real.diagnosis.inference.candidates import Candidate, candidates
-from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.inference.hypotheses import NONE, Hypothesis
 from sim2real.diagnosis.inference.replayer import Replayer
 from sim2real.diagnosis.schema import Finding
 
@@ -30,7 +30,7 @@ def check_grip(replayer: Replayer, floor: float) -> list[Finding]:
     own = [option for option in candidates(data, (), replayer.fixed) if option.name == NAME]
     if not own:
         return []
-    base, _ = replayer.follow(Hypothesis(()), np.zeros((count, 0)))
+    base, _ = replayer.follow(NONE, np.zeros((count, 0)))
     grips, words = data.settings.ground.grips, []
     for option in own:
         moved = [np.tile(factor * option.neutral, (count, 1)) for factor in grips]

@@ -241,3 +241,6 @@ class Hypothesis:
     def without(self, place: int) -> Hypothesis:
         """Return the hypothesis without one of its members."""
         return Hypothesis(self.members[:place] + self.members[place + 1 :])
+
+
+NONE = Hypothesis(())  # the model as given

@@ -22,18 +22,12 @@ from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.progress import Moving
 from sim2real.diagnosis.data.simulate import Work
-from sim2real.diagnosis.inference.decision import (
-    Standing,
-    compute_posterior,
-    compute_price,
-    decide_verdict,
-)
-from sim2real.diagnosis.inference.distance import Distance, share_joint, stands_alone
+from sim2real.diagnosis.inference.criteria import Criteria
+from sim2real.diagnosis.inference.decision import Standing, compute_posterior, decide_verdict
+from sim2real.diagnosis.inference.distance import share_joint, stands_alone
 from sim2real.diagnosis.inference.episodes import follows_episodes
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
-from sim2real.diagnosis.inference.glance import NONE
-from sim2real.diagnosis.inference.hypotheses import Hypothesis
-from sim2real.diagnosis.inference.left import Left, find_open, measure_left
+from sim2real.diagnosis.inference.hypotheses import NONE, Hypothesis
 from sim2real.diagnosis.inference.likelihood import Basis
 from sim2real.diagnosis.inference.moves import (
     is_part,
@@ -87,7 +81,7 @@ class Judgement:
     judge: Judge
 
 
-class Judge:
+class Judge(Criteria):
     """Judges explanations of the gap in some windows.
 
     Args:
@@ -106,20 +100,18 @@ class Judge:
         work: Work | None = None,
         moving: Moving | None = None,
     ) -> None:
-        self.data, self.settings = data, data.settings.inference
+        self.data, self._rest = data, (tuple(fixed), work)
         self.moving = Moving(lambda text, share: None) if moving is None else moving
-        self._rest = tuple(fixed), work
-        self.replayer = Replayer(data, *self._rest)
+        rng = rng or np.random.default_rng(0)
+        bootstrap = Bootstrap(data.windows, rng, data.settings.inference)
+        super().__init__(Replayer(data, *self._rest), bootstrap)
         self.fold = deal_folds(data.windows)
-        self.bootstrap = Bootstrap(data.windows, rng or np.random.default_rng(0), self.settings)
-        noise, self.rows = self.replayer.noise, self.replayer.compared
-        self.most = np.maximum(self.replayer.count, noise) / noise  # a count, in noises
         self.basis: Basis | None = None
         every = self.replayer.every
         (given,) = self.replayer.replay([Job(NONE, np.zeros((len(every), 0)), every)])
         self.coarse = coarsen(self.replayer, given.error, every)
         unknown = self._look(NONE, np.zeros((FOLDS, 0)))
-        self.search = Search(self, *unknown)
+        self.search = Search(self, self.coarse, *unknown)
 
     def judge(self, vocabulary: Vocabulary) -> Judgement:
         """Return the judgement on the gap.
@@ -143,8 +135,7 @@ class Judge:
             added = f" in addition to {best.label}" if best.hypothesis.members else ""
             self.moving(f"looking at every change{added}", SHARES[len(best.hypothesis.members)])
             best = self.search.anchor(best, tried)
-            joints = find_open(self.fitter, best, self.most)
-            starts = vocabulary.list_starts(self.replay_errors(best), joints)
+            starts = vocabulary.list_starts(self.replay_errors(best), self.find_open(best))
             self.search.refine(best, starts, tried)
             self._judge_mended(tried)
             before, best = best, self.choose(tried)
@@ -189,41 +180,11 @@ class Judge:
         """Return the held-out errors of all rows, (W, T, M), of a fit."""
         return self.replayer.follow(fit.hypothesis, fit.values[1 - self.fold])[0]
 
-    def explains(self, fit: Fit) -> bool:
-        """Return whether a fit leaves nothing; see `Left`."""
-        return self.left(fit).is_nothing(self.settings)
-
-    def is_enough(self, fit: Fit) -> bool:
-        """Return whether a fit explains the gap and shortens errors by what that takes."""
-        return self.explains(fit) and self.left(fit).closes >= self.settings.most
-
-    def left(self, fit: Fit) -> Left:
-        """Return what a fit leaves."""
-        if fit not in self._lefts:
-            known = self.fitter, self.bootstrap, self.given
-            self._lefts[fit] = measure_left(*known, fit, self.left_in_windows(fit), self.most)
-        return self._lefts[fit]
-
-    def left_in_windows(self, fit: Fit) -> np.ndarray:
-        """Return what a free discrepancy gains in each window [nats], (W,)."""
-        return fit.score - self.fitter.score_within(fit, [(0.0, self.most)])[0]
-
     def excess(self, errors: np.ndarray) -> np.ndarray:
         """Return by how much squared errors exceed what noise and counts make, (W, N, M) both."""
         counts = SURE * self.most * self.replayer.noise
         beyond = np.square(errors / counts) - 1.0
         return np.where(self.replayer.used[..., None], np.maximum(beyond, 0.0), 0.0)
-
-    def wins(self, more: Fit, less: Fit) -> bool:
-        """Return whether further members win what they have to, for certain."""
-        gain = self.bootstrap.gain(more.score - less.score)
-        least = (self.price(more.hypothesis) - self.price(less.hypothesis)) * self.rows
-        return gain.low > 0 and gain.total > least
-
-    def price(self, hypothesis: Hypothesis) -> float:
-        """Return what a hypothesis has to win [nats a row]."""
-        values, _ = hypothesis.burden
-        return compute_price(len(hypothesis.members), values, self.choices, self.settings)
 
     def _look(self, hypothesis: Hypothesis, values: np.ndarray) -> list[np.ndarray]:
         """Take the likelihood whose starts and usual errors are those under a hypothesis.
@@ -235,37 +196,14 @@ class Judge:
         Returns:
             What is unknown around its errors; see `unknowns`.
         """
-        self.fitter, *unknown = self._make(hypothesis, values)
-        self._around = hypothesis.label
-        self.basis = self.fitter.likelihood.basis
-        self._lefts: dict[Fit, Left] = {}  # of what was asked, in this likelihood
-        self.distance = Distance(self.fitter, self.bootstrap, self.most)
+        fitter, *unknown = self._make(hypothesis, values)
+        self._around, self.basis = hypothesis.label, fitter.likelihood.basis
         self._apart: set[str] = set()  # labels of what was judged by unknowns of its own instead
-        (self.given,) = self.fitter.fit([Start(NONE, np.zeros((1, 0)))])
+        self.use(fitter)
         paths = (self.replayer.holding(), self.replayer.coasting())
         made = zip(NULLS, paths, strict=True)
         self.nulls = {n: self.fitter.judge(NONE, np.zeros((FOLDS, 0)), (e, e)) for n, e in made}
         return unknown
-
-    def choose(self, tried: dict[str, Fit]) -> Fit:
-        """Return the shortest explanation that none longer wins against."""
-        best = self.given
-        for count in range(1, self.settings.members_max + 1):
-            own = [fit for fit in tried.values() if len(fit.hypothesis.members) == count]
-            if winners := [fit for fit in own if self.wins(fit, best)]:
-                best = self._pick_simplest(winners)
-        return best
-
-    def _pick_simplest(self, fits: Sequence[Fit]) -> Fit:
-        """Return the best, or one of fewer free values that is not significantly worse.
-
-        A whole number, such as of rows or turns, is not free to follow anything. Then those without
-        mistakes in the log go first: what is equivalent to an effect of the robot is called one.
-        """
-        top = max(fits, key=lambda fit: fit.total - self.price(fit.hypothesis) * self.rows)
-        least = self.settings.settled  # nats, to which a fit is known
-        near = [f for f in fits if self.bootstrap.gain(top.score - f.score).low <= least]
-        return min(near, key=lambda f: (*f.hypothesis.burden, -f.total))
 
     def _prune(self, tried: dict[str, Fit], fitter: Fitter) -> Fit:
         """Return the best explanation, each of whose members wins what it has to.

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Protocol
 
 import numpy as np
 
 from sim2real.diagnosis.inference.candidates import Candidate
-from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
+from sim2real.diagnosis.inference.criteria import Criteria
+from sim2real.diagnosis.inference.fit import Fit, Start
 from sim2real.diagnosis.inference.glance import HALVES, Glance, Quick
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, get_kind
 from sim2real.diagnosis.inference.moves import (
@@ -39,36 +39,6 @@ from sim2real.diagnosis.inference.screen import (
     pick_starts,
     trace_lines,
 )
-from sim2real.diagnosis.settings.inference import Inference
-
-
-class Judging(Protocol):
-    """What the search asks of the judge."""
-
-    settings: Inference
-    fitter: Fitter
-    given: Fit
-    coarse: Replayer
-
-    def choose(self, tried: dict[str, Fit]) -> Fit:
-        """Return the shortest explanation that none longer wins against."""
-        ...
-
-    def price(self, hypothesis: Hypothesis) -> float:
-        """Return what a hypothesis has to win [nats a row]."""
-        ...
-
-    def explains(self, fit: Fit) -> bool:
-        """Return whether a fit leaves no more than the tolerance."""
-        ...
-
-    def is_enough(self, fit: Fit) -> bool:
-        """Return whether a fit is an explanation."""
-        ...
-
-    def left_in_windows(self, fit: Fit) -> np.ndarray:
-        """Return what a fit leaves in each window [nats], (W,)."""
-        ...
 
 
 class Search:
@@ -76,13 +46,16 @@ class Search:
 
     Args:
         judge: says what wins.
+        coarse: replays all windows in longer time steps.
         local: what is unknown of each window; see `Likelihood`.
         common: what is unknown of all windows.
     """
 
-    def __init__(self, judge: Judging, local: np.ndarray, common: np.ndarray) -> None:
+    def __init__(
+        self, judge: Criteria, coarse: Replayer, local: np.ndarray, common: np.ndarray
+    ) -> None:
         self._judge, self.settings = judge, judge.settings
-        self.quick = Quick(judge.fitter, judge.given, judge.coarse)
+        self.quick = Quick(judge.fitter, judge.given, coarse)
         left = judge.left_in_windows(judge.given)
         self.glance = Glance(judge.fitter, judge.given, left, local, common)
         self.lines: list[Line] = []  # through all probes, beside the first

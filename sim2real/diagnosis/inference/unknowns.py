@@ -13,7 +13,7 @@ import numpy as np
 
 from sim2real.diagnosis.data.noise_floor import rounding
 from sim2real.diagnosis.inference.fit import Fitter
-from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.inference.hypotheses import NONE, Hypothesis
 from sim2real.diagnosis.inference.likelihood import Basis, Likelihood
 from sim2real.diagnosis.inference.replayer import Job, Replayer
 
@@ -90,7 +90,7 @@ def coarsen(replayer: Replayer, given: np.ndarray, windows: np.ndarray) -> Repla
     if is_lost(replayer, given):
         return replayer.part(windows)
     other, none = replayer.coarsen(windows), np.zeros((len(windows), 0))
-    (made,) = other.replay([Job(Hypothesis(()), none, other.every)])
+    (made,) = other.replay([Job(NONE, none, other.every)])
     changed = ((made.error - given[windows]) / replayer.noise)[other.used]
     much = np.sqrt(np.mean(np.square(changed))) > replayer.settings.coarse_noises
     return replayer.part(windows) if much else other

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from sim2real.diagnosis.inference.decision import (
+    Left,
     Standing,
     compute_posterior,
     compute_price,
     decide_verdict,
 )
-from sim2real.diagnosis.inference.left import Left
 from sim2real.diagnosis.inference.score import Gain
 from sim2real.diagnosis.settings.inference import Inference
 

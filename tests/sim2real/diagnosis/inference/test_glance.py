@@ -8,8 +8,8 @@ import pytest
 
 from sim2real.diagnosis.inference.candidates import candidates
 from sim2real.diagnosis.inference.fit import Start
-from sim2real.diagnosis.inference.glance import LEAST, NONE
-from sim2real.diagnosis.inference.hypotheses import Hypothesis
+from sim2real.diagnosis.inference.glance import LEAST
+from sim2real.diagnosis.inference.hypotheses import NONE, Hypothesis
 from sim2real.diagnosis.inference.judge import Judge
 from sim2real.diagnosis.inference.moves import restart
 from sim2real.diagnosis.inference.replayer import Job

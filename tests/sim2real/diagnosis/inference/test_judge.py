@@ -11,8 +11,7 @@ import pytest
 
 from hardware.log import Log
 from sim2real.diagnosis.inference.fit import Fit, Start
-from sim2real.diagnosis.inference.glance import NONE
-from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member
+from sim2real.diagnosis.inference.hypotheses import NONE, Hypothesis, Member
 from sim2real.diagnosis.inference.judge import Judge, Judgement
 from sim2real.diagnosis.inference.likelihood import Likelihood
 from sim2real.diagnosis.inference.log_changes import list_log_changes
