@@ -46,7 +46,7 @@ class Candidate:
         low: smallest values, (P,).
         high: largest values, (P,).
         group: candidates of one group can be simulated in one batch.
-        shown: joints whose motion it changes: its own, and for a body all that carry it.
+        joints: those whose motion it changes: its own, and for a body all that carry it.
     """
 
     effect: Effect
@@ -56,12 +56,17 @@ class Candidate:
     low: np.ndarray
     high: np.ndarray
     group: str
-    shown: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
         """The effect's standard name."""
         return self.effect.name
+
+    @property
+    def unit(self) -> str:
+        """The unit of its first value."""
+        return self.effect.unit
 
     @property
     def label(self) -> str:

@@ -18,7 +18,7 @@ from sim2real.diagnosis.inference.candidates import Candidate
 from sim2real.diagnosis.inference.deviations import find_deviations
 from sim2real.diagnosis.inference.distance import compute_separation
 from sim2real.diagnosis.inference.fit import Fit
-from sim2real.diagnosis.inference.hypotheses import Member, get_effect, get_kind, get_place
+from sim2real.diagnosis.inference.hypotheses import Member, get_effect, get_kind
 from sim2real.diagnosis.inference.intervals import compute_intervals
 from sim2real.diagnosis.inference.judge import Judgement
 from sim2real.diagnosis.inference.log_change import LogChange
@@ -194,7 +194,7 @@ def _list_instead(judgement: Judgement, push: Pushed) -> Iterator[Equivalent]:
         added = [member for member in rival.hypothesis.members if member.label not in kept]
         one_more = len(rival.hypothesis.members) == len(kept) + 1 == len(kept) + len(added)
         if one_more and judge.excess(rival.own)[push.window].sum() <= most:
-            yield Equivalent(_name(added[0]), get_place(added[0]), kind=get_kind(added[0]))
+            yield Equivalent(added[0].name, added[0].place, kind=get_kind(added[0]))
 
 
 def _parts(judgement: Judgement) -> list[_Part]:
@@ -227,7 +227,7 @@ def _equivalent(judgement: Judgement, member: Member, fit: Fit) -> Equivalent:
     """Return what is equivalent to a member; inseparable where all predictions are the same."""
     best, gained = judgement.best, judgement.best.total - judgement.given.total
     same = compute_separation(judgement.judge.fitter, best, fit) < SAME * gained
-    return Equivalent(_name(member), get_place(member), same, kind=get_kind(member))
+    return Equivalent(member.name, member.place, same, kind=get_kind(member))
 
 
 def _cause(
@@ -248,37 +248,27 @@ def _cause(
     )
     values, spans = best.mean[column], ends[column]
     equal = tuple(dict.fromkeys(_equivalent(judgement, other, fit) for other, fit in alike))
-    equal = tuple(e for e in equal if (e.effect, e.where) != (_name(member), get_place(member)))
+    equal = tuple(e for e in equal if (e.effect, e.where) != (member.name, member.place))
     extra = _extra(member, values)
     most = _largest(member, values)
-    value = member.first(values) if isinstance(member, LogChange) else float(values[most])
+    change = isinstance(member, LogChange)
+    value = member.first(values) if change else float(values[most])
     return Cause(
-        _name(member),
-        get_place(member),
+        member.name,
+        member.place,
         member.effect.side if isinstance(member, Candidate) else None,
         value,
         (float(spans[most, 0]), float(spans[most, 1])) if len(values) else (value, value),
-        member.effect.unit if isinstance(member, Candidate) else member.unit,
+        member.unit,
         extra,
         min(sure, 1.0),
         closed,
         equivalent=equal[: judgement.judge.settings.equivalents_max - 1],
         shared=isinstance(member, Candidate) and member.shared,
         kind=get_kind(member),
-        seconds=member.seconds if isinstance(member, LogChange) else None,
-        remedy=_remedy(member, values),
+        seconds=member.seconds if change else None,
+        remedy=member.mending(values) if change and member.effect is None else None,
     )
-
-
-def _remedy(member: Member, values: np.ndarray) -> str | None:
-    """Return how to mend the log if the member is a mistake in it."""
-    if isinstance(member, LogChange) and member.robot is None:
-        return member.mending(values)
-    return None
-
-
-def _name(member: Member) -> str:
-    return member.name if isinstance(member, Candidate) else member.effect
 
 
 def _largest(member: Member, values: np.ndarray) -> int:
@@ -329,7 +319,6 @@ def _singles(judgement: Judgement, baseline: Baseline) -> tuple[SingleFit, ...]:
             change = isinstance(member, LogChange)
             value = member.first(fit.mean) if change else float(fit.mean[0])
             side = member.effect.side if isinstance(member, Candidate) else None
-            unit = member.effect.unit if isinstance(member, Candidate) else member.unit
-            about = (_name(member), get_place(member), side, value, unit)
+            about = (member.name, member.place, side, value, member.unit)
             rows.append(SingleFit(*about, min(closed, 1.0), ci))
     return tuple(rows)

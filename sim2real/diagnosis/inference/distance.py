@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from sim2real.diagnosis.inference.fit import Fit, Fitter
-from sim2real.diagnosis.inference.hypotheses import Hypothesis, get_kind, get_place
+from sim2real.diagnosis.inference.hypotheses import Hypothesis, get_kind
 from sim2real.diagnosis.inference.products import HALF
 from sim2real.diagnosis.inference.score import Bootstrap
 
@@ -103,7 +103,7 @@ def share_joint(hypothesis: Hypothesis, joints: int) -> bool:
         hypothesis: the explanation.
         joints: how many the robot has.
     """
-    places = [get_place(m) for m in hypothesis.members if get_kind(m) == "robot"]
+    places = [m.place for m in hypothesis.members if get_kind(m) == "robot"]
     own = [place for place in places if place is not None]
     return joints > 1 and len(own) > len(set(own))
 

@@ -31,26 +31,13 @@ WORLD = ("gravity_tilt", "gravity_compensation", "push", "ground_friction", "con
 def get_kind(member: Member) -> Kind:
     """Return what a member changes."""
     if isinstance(member, LogChange):
-        return "log" if member.robot is None else "robot"
+        return "log" if member.effect is None else "robot"
     return "world" if member.name in WORLD else "robot"
 
 
 def get_effect(member: Member) -> Effect | None:
     """Return the effect that every verb knows a member by; None where there is none."""
-    effect = member.effect if isinstance(member, Candidate) else member.robot
-    return effect if effect is not None and effect.name in EFFECTS else None
-
-
-def get_place(member: Member) -> str | None:
-    """Return the joint or body that a member changes; None where it is all of them, or none."""
-    return member.place if isinstance(member, Candidate) else member.where
-
-
-def get_joints(member: Member) -> set[str]:
-    """Return the joints whose motion or log a member changes; none where it is all of them."""
-    if isinstance(member, LogChange):
-        return {name for name in (member.where, member.other) if name}
-    return set(member.shown)
+    return member.effect if member.effect is not None and member.effect.name in EFFECTS else None
 
 
 def get_size(member: Member) -> np.ndarray:

@@ -17,49 +17,37 @@ Mend = Callable[[Log, np.ndarray], Columns]
 
 @dataclass(frozen=True)
 class LogChange:
-    """A mistake that a log may have.
+    """A mistake that a log may have."""
 
-    Args:
-        effect: its name; see the table.
-        columns: the kinds of columns that have it: `ctrl`, `qpos`, both, or `time`.
-        where: the joint whose columns they are; None: those of all joints.
-        mend: returns the columns that would be others without it, from a log and values (P,).
-        remedy: what to do, with `{0}` for the first value.
-        probes: values to look at first, (K, P); (1, 0) where it has none.
-        neutral: values at which nothing is wrong, (P,).
-        low: smallest values, (P,).
-        high: largest values, (P,).
-        value: what is reported as its value where it has none to fit.
-        other: the second joint, if there is one.
-        unit: of the first value.
-        whole: whether values are whole numbers.
-        read: the joints whose readings it scales by its value.
-        late: returns by how many rows all readings are late, from values (P,).
-        seconds: when it acts, of an episode; None: throughout.
-        variant: what else tells it apart.
-        robot: the effect of the robot that does this to its log; None: it is a mistake.
-        shown: whether the log's own columns contradict each other without it.
-    """
-
-    effect: str
-    columns: tuple[str, ...]
-    where: str | None
+    name: str  # see the table of `log_changes`
+    columns: tuple[str, ...]  # kinds of columns that have it: `ctrl`, `qpos`, both, or `time`
+    place: str | None  # the joint whose columns they are; None: those of all joints
+    # returns the columns that would be others without it, from a log and values (P,)
     mend: Mend = field(compare=False)
+    # what to do, with `{0}` for the first value and `{other}` for the second joint
     remedy: str = field(compare=False)
+    # values to look at first, (K, P); (1, 0) where it has none
     probes: np.ndarray = field(default_factory=lambda: np.zeros((1, 0)), compare=False)
+    # values at which nothing is wrong, (P,), the smallest and the largest ones
     neutral: np.ndarray = field(default_factory=lambda: np.zeros(0), compare=False)
     low: np.ndarray = field(default_factory=lambda: np.zeros(0), compare=False)
     high: np.ndarray = field(default_factory=lambda: np.zeros(0), compare=False)
-    value: float = 1.0
-    other: str | None = None
-    unit: str = ""
-    whole: bool = False
-    read: tuple[str, ...] = ()
+    value: float = 1.0  # what is reported as its value where it has none to fit
+    other: str | None = None  # the second joint, if there is one
+    unit: str = ""  # of the first value
+    whole: bool = False  # whether values are whole numbers
+    read: tuple[str, ...] = ()  # the joints whose readings it scales by its value
+    # returns by how many rows all readings are late, from values (P,)
     late: Callable[[np.ndarray], float] = field(default=lambda values: 0.0, compare=False)
-    seconds: Pair | None = None
-    variant: str | None = None
-    robot: Effect | None = None
-    shown: bool = False
+    seconds: Pair | None = None  # when it acts, of an episode; None: throughout
+    variant: str | None = None  # what else tells it apart
+    effect: Effect | None = None  # of the robot, which does this to its log; None: it is a mistake
+    shown: bool = False  # whether the log's own columns contradict each other without it
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The joints whose columns they are; none where it is all of them."""
+        return tuple(name for name in (self.place, self.other) if name)
 
     @property
     def parts(self) -> tuple[LogChange, ...]:
@@ -69,10 +57,10 @@ class LogChange:
     @property
     def label(self) -> str:
         """What tells it apart."""
-        if self.robot is not None:
-            return self.robot.label()
-        places = (self.where, self.other, self.variant)
-        return ".".join(["log", self.effect, *self.columns, *filter(None, places)])
+        if self.effect is not None:
+            return self.effect.label()
+        places = filter(None, (*self.joints, self.variant))
+        return ".".join(["log", self.name, *self.columns, *places])
 
     def mended(self, log: Log, values: np.ndarray) -> Log:
         """Return a log without the mistake."""
@@ -80,8 +68,8 @@ class LogChange:
 
     def mending(self, values: np.ndarray) -> str:
         """Return which columns to change, and how: `ctrl.elbow, qpos.elbow: multiply by -1`."""
-        names = [kind if kind == TIME else f"{kind}.{self.where or '*'}" for kind in self.columns]
-        return f"{', '.join(names)}: {self.remedy.format(*values)}"
+        names = [kind if kind == TIME else f"{kind}.{self.place or '*'}" for kind in self.columns]
+        return f"{', '.join(names)}: {self.remedy.format(*values, other=self.other)}"
 
     def first(self, values: np.ndarray) -> float:
         """Return the value that is reported."""

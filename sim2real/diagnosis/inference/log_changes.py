@@ -25,8 +25,9 @@ continued from its first two.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import combinations
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -54,14 +55,37 @@ from sim2real.diagnosis.settings import TINY
 
 DEGREES = 180 / math.pi
 LATE = (0.5, 1.0, 2.5)  # rows by which readings may be old that are looked at first
-ROWS = (-2.0, -1.0, 1.0, 2.0)  # rows of a shift that are looked at first
 MOST = 6.0  # rows of a shift at most
 OLDEST = 0.12  # s: age of a reading at most; `observation_delay` reaches 0.1 s
 SCALES = (0.5, 2.0)
-RATES = (0.85, 1.2)
-SHIFTS = (-0.1, 0.1)  # rad or m
+SHIFT = 0.1  # rad or m
 COUNTS = (1024, 4096)  # of a turn, of the encoders of hobby and smart servos
 FARTHEST, LARGEST = 7.0, 20.0  # bounds: of an offset [rad or m], of a factor
+FACTOR = (1.0, 1 / LARGEST, LARGEST)
+KINDS = ((COMMAND,), (READING,), (COMMAND, READING))  # of columns that one thing can be wrong with
+
+
+class _Value(NamedTuple):
+    """The value of a mistake that has one."""
+
+    remedy: str  # see `LogChange`
+    probes: Sequence[float]
+    bounds: tuple[float, float, float]  # neutral, smallest and largest
+    unit: str = ""
+    whole: bool = False
+
+
+LATER = "put the value of row i{0:+g} into row i, within each episode"
+VALUES = {
+    "row_shift": _Value(LATER, (-2.0, -1.0, 1.0, 2.0), (0.0, -MOST, MOST), "rows", True),
+    "scale": _Value("divide by {0:.4g}", SCALES, FACTOR),
+    "offset": _Value("subtract {0:.4g}", (-SHIFT, SHIFT), (0.0, -FARTHEST, FARTHEST), "rad"),
+    "turn": _Value("subtract {0:g} turns", (-1.0, 1.0), (0.0, -1.0, 1.0), "turns", True),
+    "clock": _Value("divide by {0:.4g}", (0.85, 1.2), FACTOR),
+    "column_map": _Value(
+        "subtract {0:.3g} times {other}'s", (-1.0, 1.0), (0.0, -FARTHEST, FARTHEST)
+    ),
+}
 
 
 def list_log_changes(data: Data) -> list[LogChange]:
@@ -111,19 +135,19 @@ def _commands(model: mujoco.MjModel, log: Log) -> dict[str, str]:
 
 
 def _single(
-    effect: str,
+    name: str,
     columns: tuple[str, ...],
-    where: str | None,
+    place: str | None,
     mend: Mend,
-    remedy: str,
-    probes: Sequence[float],
-    bounds: tuple[float, float, float],
-    **more: object,
+    value: _Value | None = None,
+    **more: Any,
 ) -> LogChange:
-    """Return a change of one value; `bounds` are neutral, smallest and largest."""
-    ends = (np.array([value]) for value in bounds)
-    points = np.array(probes, float)[:, None]
-    return LogChange(effect, columns, where, mend, remedy, points, *ends, **more)  # type: ignore[arg-type]
+    """Return a change of one value; None: that of `VALUES`."""
+    about = value or VALUES[name]
+    points = np.array(about.probes, float)[:, None]
+    neutral, low, high = (np.array([bound]) for bound in about.bounds)
+    more |= {"unit": about.unit, "whole": about.whole}
+    return LogChange(name, columns, place, mend, about.remedy, points, neutral, low, high, **more)
 
 
 def _late_readings(joints: Sequence[str], log: Log) -> LogChange:
@@ -134,17 +158,15 @@ def _late_readings(joints: Sequence[str], log: Log) -> LogChange:
     step = _step(log)
     oldest = find_reach(log) * step
     effect = make("observation_delay", longest=oldest)
+    probes = [*(rows * step for rows in LATE), OLDEST / 2]
     return _single(
         effect.name,
         (READING,),
         None,
         lambda log, v: shift_readings(log, joints, float(v[0]) / step),
-        "",
-        [*(rows * step for rows in LATE), OLDEST / 2],
-        (0.0, 0.0, oldest),
-        unit=effect.unit,
+        _Value("", probes, (0.0, 0.0, oldest), effect.unit),
         late=lambda v: float(v[0]) / step,
-        robot=effect,
+        effect=effect,
     )
 
 
@@ -165,15 +187,15 @@ def _clocks(data: Data) -> list[LogChange]:
         times = [n for n in log.columns if n == TIME or n.startswith("stamp.")]
         return {name: log.columns[name] / values[0] for name in times}
 
-    probes, bounds, shown = RATES, (1.0, 1 / LARGEST, LARGEST), False
+    value, shown = VALUES["clock"], False
     if len(scales):
         factor, (low, high) = float(np.median(scales)), limits.ratio
         alike = bool(((low < scales / factor) & (scales / factor < high)).all())
         shown = alike and not low < factor < high and 1 / LARGEST < factor < LARGEST
     if shown:
-        probes, bounds = (factor,), (1.0, factor * (1 - limits.clock), factor * (1 + limits.clock))
-    text = "divide by {0:.4g}"
-    return [_single("clock", (TIME,), None, mend, text, probes, bounds, shown=shown)]
+        bounds = (1.0, factor * (1 - limits.clock), factor * (1 + limits.clock))
+        value = value._replace(probes=(factor,), bounds=bounds)
+    return [_single("clock", (TIME,), None, mend, value, shown=shown)]
 
 
 def _posed(actuators: Sequence[str]) -> LogChange:
@@ -193,7 +215,7 @@ def _posed(actuators: Sequence[str]) -> LogChange:
         None,
         mend,
         "divide by {0:.4g} and add the default pose",
-        np.stack([*(row(scale, 0.0) for scale in SCALES), row(1.0, SHIFTS[-1])]),
+        np.stack([*(row(scale, 0.0) for scale in SCALES), row(1.0, SHIFT)]),
         row(1.0, 0.0),
         row(1 / LARGEST, -FARTHEST),
         row(LARGEST, FARTHEST),
@@ -226,9 +248,9 @@ def _in_counts(log: Log, joints: Sequence[str], commands: Sequence[str]) -> Iter
                 "unit",
                 columns,
                 None,
-                lambda log, v, own=own, count=count, zero=zero: {
-                    n: (log.columns[n] - zero) * TURN / count for n in own
-                },
+                _each(
+                    own, lambda column, v, count=count, zero=zero: (column - zero) * TURN / count
+                ),
                 f"in columns.yaml, `unit: counts/{count}` and `zero: {zero}`",
                 value=count / TURN,
                 variant=f"{count} from {zero}",
@@ -240,53 +262,29 @@ def _of_place(
     where: str | None, joints: Sequence[str], named: Mapping[str, Sequence[str]], every: bool
 ) -> Iterator[LogChange]:
     """Yield shifts, scales and units of one joint's columns, or of all joints': of every one."""
-    yield _single(
-        "row_shift",
-        (COMMAND,),
-        where,
-        lambda log, v: {
-            n: shift_held(log, log.columns[n], round(float(v[0]))) for n in named[COMMAND]
-        },
-        "put the value of row i{0:+g} into row i, within each episode",
-        ROWS,
-        (0.0, -MOST, MOST),
-        unit="rows",
-        whole=True,
-    )
-    yield _single(
-        "row_shift",
-        (READING,),
-        where,
-        lambda log, v: shift_readings(log, joints, round(float(v[0]))),
-        "put the value of row i{0:+g} into row i, within each episode",
-        ROWS,
-        (0.0, -MOST, MOST),
-        unit="rows",
-        whole=True,
-        late=lambda v: float(v[0]) * every,
-    )
-    for columns in ((COMMAND,), (READING,), (COMMAND, READING)):
+
+    def hold(log: Log, values: np.ndarray) -> Columns:
+        rows = round(float(values[0]))
+        return {name: shift_held(log, log.columns[name], rows) for name in named[COMMAND]}
+
+    def shift(log: Log, values: np.ndarray) -> Columns:
+        return shift_readings(log, joints, round(float(values[0])))
+
+    yield _single("row_shift", (COMMAND,), where, hold)
+    yield _single("row_shift", (READING,), where, shift, late=lambda v: float(v[0]) * every)
+    for columns in KINDS:
         own = [name for kind in columns for name in _with_speed(kind, named)]
         read = tuple(joints) if READING in columns else ()
-        yield _single(
-            "scale",
-            columns,
-            where,
-            lambda log, v, own=own: {n: log.columns[n] / v[0] for n in own},
-            "divide by {0:.4g}",
-            SCALES,
-            (1.0, 1 / LARGEST, LARGEST),
-            read=read,
-        )
-        yield LogChange(
-            "unit",
-            columns,
-            where,
-            lambda log, v, own=own: {n: log.columns[n] / DEGREES for n in own},
-            "multiply by pi / 180",
-            value=DEGREES,
-            read=read,
-        )
+        scaled = _each(own, lambda column, v: column / v[0])
+        degrees = _each(own, lambda column, v: column / DEGREES)
+        text = "multiply by pi / 180"
+        yield _single("scale", columns, where, scaled, read=read)
+        yield LogChange("unit", columns, where, degrees, text, value=DEGREES, read=read)
+
+
+def _each(names: Sequence[str], change: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Mend:
+    """Return what changes each of some columns, from it and values (P,)."""
+    return lambda log, values: {name: change(log.columns[name], values) for name in names}
 
 
 def _with_speed(kind: str, named: Mapping[str, Sequence[str]]) -> list[str]:
@@ -298,38 +296,14 @@ def _of_joint(
     logs: Sequence[Log], joint: str, named: Mapping[str, Sequence[str]]
 ) -> Iterator[LogChange]:
     """Yield signs, offsets and turns of one joint's columns."""
-    for columns in ((COMMAND,), (READING,), (COMMAND, READING)):
+    for columns in KINDS:
         own = [name for kind in columns for name in _with_speed(kind, named)]
         places = [name for kind in columns for name in named[kind]]
-        yield LogChange(
-            "reversal",
-            columns,
-            joint,
-            lambda log, v, own=own: {n: -log.columns[n] for n in own},
-            "multiply by -1",
-            value=-1.0,
-        )
-        yield _single(
-            "offset",
-            columns,
-            joint,
-            lambda log, v, own=places: {n: log.columns[n] - v[0] for n in own},
-            "subtract {0:.4g}",
-            SHIFTS,
-            (0.0, -FARTHEST, FARTHEST),
-            unit="rad",
-        )
-        yield _single(
-            "turn",
-            columns,
-            joint,
-            lambda log, v, own=places: {n: log.columns[n] - TURN * round(v[0]) for n in own},
-            "subtract {0:g} turns",
-            (-1.0, 1.0),
-            (0.0, -1.0, 1.0),
-            unit="turns",
-            whole=True,
-        )
+        negative = _each(own, lambda column, v: -column)
+        yield LogChange("reversal", columns, joint, negative, "multiply by -1", value=-1.0)
+        yield _single("offset", columns, joint, _each(places, lambda column, v: column - v[0]))
+        turned = _each(places, lambda column, v: column - TURN * round(v[0]))
+        yield _single("turn", columns, joint, turned)
         jump = next((j for log in logs for name in places[:1] if (j := find_jump(log, name))), None)
         if jump is not None:
             yield LogChange(
@@ -373,8 +347,5 @@ def _maps(joint: str, base: str, commands: Mapping[str, str]) -> Iterator[LogCha
             lambda log, v, pairs=pairs: {
                 n: log.columns[n] - v[0] * log.columns[m] for n, m in pairs.items()
             },
-            f"subtract {{0:.3g}} times {base}'s",
-            (-1.0, 1.0),
-            (0.0, -FARTHEST, FARTHEST),
             other=base,
         )

@@ -52,8 +52,8 @@ def _compatible(one: Member, other: Member) -> bool:
 
 def _is_made_twice(one: LogChange, other: LogChange) -> bool:
     """Return whether two mistakes are of one kind and in one column: then they are one."""
-    meet = one.where == other.where or None in (one.where, other.where)
-    return one.effect == other.effect and meet and not set(one.columns).isdisjoint(other.columns)
+    meet = one.place == other.place or None in (one.place, other.place)
+    return one.name == other.name and meet and not set(one.columns).isdisjoint(other.columns)
 
 
 def join_members(base: Fit, members: Sequence[Member], points: np.ndarray) -> Start:

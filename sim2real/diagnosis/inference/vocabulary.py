@@ -16,7 +16,7 @@ from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.inference.candidates import Candidate, candidates
 from sim2real.diagnosis.inference.cogging import with_ripples
 from sim2real.diagnosis.inference.fit import Start
-from sim2real.diagnosis.inference.hypotheses import Member, get_joints
+from sim2real.diagnosis.inference.hypotheses import Member
 from sim2real.diagnosis.inference.log_change import LogChange
 from sim2real.diagnosis.inference.log_changes import list_log_changes
 from sim2real.diagnosis.inference.moves import make_start
@@ -62,7 +62,7 @@ class Vocabulary:
         self.excluded = [member for member in every if member.name in exclude]
         known = {member.label for member in self.effects}
         changes = list_log_changes(data) if log else []
-        changes = [c for c in changes if c.robot is None or c.label in known]
+        changes = [c for c in changes if c.effect is None or c.label in known]
         undone = {change.label for change in changes}
         found: list[Member] = [*changes]
         found += [member for member in self.effects if member.label not in undone]
@@ -77,7 +77,7 @@ class Vocabulary:
             errors: simulated minus measured, (W, T, M), with what is known.
             joints: names of these.
         """
-        shown = [m for m in self.members if not (own := get_joints(m)) or own & set(joints)]
+        shown = [m for m in self.members if not m.joints or {*m.joints} & {*joints}]
         return self._start(shown, errors)
 
     def list_excluded(self, errors: np.ndarray) -> list[Start]:

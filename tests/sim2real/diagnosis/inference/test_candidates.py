@@ -122,7 +122,7 @@ def test_one_value_for_all_joints_is_a_candidate_where_there_are_several(tmp_pat
     assert {"motor_strength", "position_gain", "coulomb_friction", "thermal_derating"} <= set(found)
     assert not {"encoder_offset", "cogging", "asymmetric_friction"} & set(found)
     wide = found["motor_strength"]
-    assert (wide.effect.where, wide.joint, wide.shown) == (None, None, ())
+    assert (wide.effect.where, wide.joint, wide.joints) == (None, None, ())
     np.testing.assert_array_equal(wide.probes, found["motor_strength.a"].probes)
     assert found["thermal_derating"].probes.max() == pytest.approx(
         min(found[f"thermal_derating.{name}"].probes.max() for name in "ab")

@@ -131,10 +131,10 @@ def test_readings_are_as_old_as_adapters_make_them_at_any_rate(
     """An age is a time, not a number of rows; the effect can be as old as the readings."""
     other = broken(log, time=np.arange(len(log)) / rate)
     assert find_reach(other) == rows
-    (late,) = [c for c in list_log_changes(arm.data_of(other, tmp_path)) if c.robot is not None]
+    (late,) = [c for c in list_log_changes(arm.data_of(other, tmp_path)) if c.effect is not None]
     assert late.high == pytest.approx(rows / rate)
-    assert late.robot is not None
-    (age,) = late.robot.parameters(arm.spec().compile())
+    assert late.effect is not None
+    (age,) = late.effect.parameters(arm.spec().compile())
     assert age.high >= late.high
 
 
