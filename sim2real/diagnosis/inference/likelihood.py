@@ -68,12 +68,9 @@ class Basis(NamedTuple):
 
 
 def decompose(times: np.ndarray, used: np.ndarray, correlations: Sequence[float]) -> Basis:
-    """Return the basis in which a discrepancy is diagonal.
+    """Return the basis in which a discrepancy of some correlation times [s], (T,), is diagonal.
 
-    Args:
-        times: of the rows [s], (W, N).
-        used: which of them there are, (W, N) bool.
-        correlations: correlation times [s], (T,).
+    Times of the rows are (W, N) [s], and so is which of them there are.
     """
     gap = np.abs(times[:, :, None] - times[:, None, :])
     both = used[:, :, None] & used[:, None, :]
@@ -99,6 +96,22 @@ class Trained(NamedTuple):
     mean: np.ndarray  # (U,) of the common errors
     precision: np.ndarray  # (U, U)
     density: float  # log density of the windows [nats]
+
+
+class _Course(NamedTuple):
+    """A discrepancy on its way, and what it is trained on."""
+
+    projection: Projection
+    windows: np.ndarray  # (n,) indices
+    ends: np.ndarray  # (2, M) indices of the smallest and the largest size of each joint
+    time: np.ndarray  # these are changed in place, see `Trained`
+    size: np.ndarray
+    shift: np.ndarray
+
+    @property
+    def own(self) -> np.ndarray:
+        """Each window's shift, (n,)."""
+        return self.shift[self.windows]
 
 
 class Likelihood:
@@ -172,17 +185,17 @@ class Likelihood:
             near: where to begin; None: at each joint's own best.
         """
         ends = self._find_ends(sizes)
-        time, size, shift = self._begin(projection, windows, ends, near)
+        start = self._begin(projection, windows, ends, near)
+        course = _Course(projection, windows, ends, *start)
         for _ in range(self.settings.turns):
-            before = time.copy(), size.copy(), shift.copy()
-            self._sweep(projection, windows, ends, (time, size, shift))
-            self._assign(projection, windows, ends, (time, size, shift))
-            if all((a == b).all() for a, b in zip(before, (time, size, shift), strict=True)):
+            before = [one.copy() for one in start]
+            self._sweep(course)
+            self._assign(course)
+            if all((a == b).all() for a, b in zip(before, start, strict=True)):
                 break
-        whole = self._whole(projection, windows, ends, time, size, shift[windows])
-        density, mean, precision = condense(whole)
-        prior = self.log_prior[shift[windows]].sum()
-        return Trained(time, size, shift, mean, precision, float(density + prior))
+        density, mean, precision = condense(self._whole(course, course.own))
+        prior = self.log_prior[course.own].sum()
+        return Trained(*start, mean, precision, float(density + prior))
 
     def predict(
         self, projection: Projection, trained: Trained, sizes: Sequence[Any] = ANY
@@ -191,9 +204,9 @@ class Likelihood:
 
         A window's own scale is unknown beforehand and integrated out; see `train` for `sizes`.
         """
-        ends = self._find_ends(sizes)
-        every, each = np.arange(len(self.used)), np.arange(len(SHIFTS))[:, None]
-        own = self._whole(projection, every, ends, trained.time, trained.size, each)
+        every, known = np.arange(len(self.used)), (trained.time, trained.size, trained.shift)
+        course = _Course(projection, every, self._find_ends(sizes), *known)
+        own = self._whole(course, np.arange(len(SHIFTS))[:, None])
         found = predict_each(own, trained.mean, trained.precision)  # (K, W)
         return np.logaddexp.reduce(self.log_prior[:, None] + found)
 
@@ -212,9 +225,6 @@ class Likelihood:
         times as far from zero as the errors themselves, and k^2 of a square is expected. The sum of
         such squares is as a chi-square variable of the same mean and variance (Satterthwaite 1946,
         doi:10.2307/3002019), and exceeds what is allowed here with probability `level`.
-
-        Args:
-            trained: on the windows of a fold.
         """
         squares = float(trained.mean @ trained.mean) / self._evidence
         told = 1 - 1 / np.linalg.eigvalsh(trained.precision)  # the precision of the prior is 1
@@ -234,11 +244,8 @@ class Likelihood:
     ) -> np.ndarray:
         """Return X' V^-1 X over some windows, V the covariance under a trained discrepancy, (P, P).
 
-        Args:
-            trained: the discrepancy.
-            vectors: X, (W, N, M, P).
-            windows: to sum over, (n,) indices.
-            tempered: whether the prior of the common errors keeps its weight against readings.
+        The vectors X are (W, N, M, P), the windows (n,) indices; `tempered`: the prior of the
+        common errors keeps its weight against readings.
         """
         count = self._turned.shape[-1]
         some = np.where(self.used[windows][..., None, None], vectors[windows], 0.0)
@@ -260,12 +267,8 @@ class Likelihood:
 
         With V the covariance of errors e and D one standard deviation of each common error, they
         are D' V^-1 e and the diagonal of I - D' V^-1 D (Rasmussen and Williams 2006, eq. A.6).
-
-        Args:
-            trained: the discrepancy.
-            errors: e, (W, N, M).
-            directions: D, (W, N, M, P); V has what is common in itself.
-            windows: that tell, (n,) indices.
+        Errors e are (W, N, M), directions D (W, N, M, P); V has what is common in itself. Windows,
+        (n,) indices, are those that tell.
         """
         vectors = np.concatenate([errors[..., None], directions], axis=-1)
         gram = self.curvature(trained, vectors, windows) / self._evidence
@@ -280,25 +283,18 @@ class Likelihood:
         """Return indices of sizes, between the ends, that windows' own shifts lead to."""
         return np.clip(size + SHIFTS[shift], *ends)
 
-    def _whole(self, *where: Any) -> Products:
+    def _whole(self, course: _Course, shift: np.ndarray) -> Products:
         """Return the products of all joints, each window's own unknowns integrated out."""
-        return integrate(reduce(add, self._parts(*where)), self._local)
+        return integrate(reduce(add, self._parts(course, shift)), self._local)
 
-    def _parts(
-        self,
-        projection: Projection,
-        windows: np.ndarray,
-        ends: np.ndarray,
-        time: np.ndarray,
-        size: np.ndarray,
-        shift: np.ndarray,
-    ) -> list[Products]:
-        """Return the products of each joint in some windows."""
+    def _parts(self, course: _Course, shift: np.ndarray) -> list[Products]:
+        """Return the products of each joint in windows of some shifts."""
+        joints = enumerate(zip(course.time, course.size, course.ends.T, strict=True))
         cells = [
-            (t, self._shifted(s, shift, own), joint, windows)
-            for joint, (t, s, own) in enumerate(zip(time, size, ends.T, strict=True))
+            (t, self._shifted(s, shift, own), joint, course.windows)
+            for joint, (t, s, own) in joints
         ]
-        return [self._products(projection, cell) for cell in cells]
+        return [self._products(course.projection, cell) for cell in cells]
 
     def _products(self, projection: Projection, cell: Any) -> Products:
         """Return the products at times, sizes, joints and windows."""
@@ -332,16 +328,10 @@ class Likelihood:
             time[joint], size[joint] = np.add(np.unravel_index(best, own.shape), (0, first))
         return time, size, np.full(len(self.used), int(np.flatnonzero(SHIFTS == 0)[0]))
 
-    def _sweep(
-        self,
-        projection: Projection,
-        windows: np.ndarray,
-        ends: np.ndarray,
-        state: tuple[np.ndarray, np.ndarray, np.ndarray],
-    ) -> None:
+    def _sweep(self, course: _Course) -> None:
         """Let each joint's discrepancy in turn be the best near to what it is, in place."""
-        time, size, shift = state
-        parts = self._parts(projection, windows, ends, time, size, shift[windows])
+        projection, windows, ends, time, size, _ = course
+        parts = self._parts(course, course.own)
         later = [*accumulate(reversed(parts), add)][-2::-1]  # those after each joint but the last
         before: list[Products] = []  # those before it
         for joint in range(len(self.noise)):
@@ -350,30 +340,22 @@ class Likelihood:
             best = int(time[joint]), int(size[joint])
             while near := [one for one in _list_near(*best, last, own_ends) if one not in tried]:
                 times, sizes = np.transpose(near)
-                own = self._shifted(sizes[:, None], shift[windows], own_ends)  # (c, n)
+                own = self._shifted(sizes[:, None], course.own, own_ends)  # (c, n)
                 cells = self._products(projection, (times[:, None], own, joint, windows))
                 found = condense(integrate(reduce(add, others, cells), self._local))[0]
                 tried |= dict(zip(near, found.round(DECIMALS).tolist(), strict=True))
                 best = max(tried, key=tried.__getitem__)
             time[joint], size[joint] = best
-            own = self._shifted(best[1], shift[windows], own_ends)
+            own = self._shifted(best[1], course.own, own_ends)
             cells = self._products(projection, (best[0], own, joint, windows))
             before = [reduce(add, before, cells)]
 
-    def _assign(
-        self,
-        projection: Projection,
-        windows: np.ndarray,
-        ends: np.ndarray,
-        state: tuple[np.ndarray, np.ndarray, np.ndarray],
-    ) -> None:
+    def _assign(self, course: _Course) -> None:
         """Give each window the scale that fits it best, the common errors as they are, in place."""
-        time, size, shift = state
-        _, mean, _ = condense(self._whole(projection, windows, ends, time, size, shift[windows]))
-        each = np.arange(len(SHIFTS))[:, None]
-        own = self._whole(projection, windows, ends, time, size, each)  # (K, n)
+        _, mean, _ = condense(self._whole(course, course.own))
+        own = self._whole(course, np.arange(len(SHIFTS))[:, None])  # (K, n)
         found = self.log_prior[:, None] - HALF * (own.square + compute_pull(own, mean))
-        shift[windows] = np.argmax(found, axis=0)
+        course.shift[course.windows] = np.argmax(found, axis=0)
 
 
 def _log_shifts(freedom: float) -> np.ndarray:
