@@ -8,6 +8,7 @@ motors' torque, speeds from its commands.
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -27,23 +28,18 @@ SLOWEST = 0.1  # rad/s: the speed of commands or joints that hardly move
 
 
 def robot_scale(data: Data, fixed: Sequence[Fixed] = ()) -> RobotScale:
-    """Return the sizes of the robot that logs were recorded on.
-
-    Args:
-        data: the logs and their models.
-        fixed: effects that are in the model already.
-    """
+    """Return the sizes of the robot that logs were recorded on; fixed effects are in its model."""
     return RobotScale(
         data.models[0],
         [name for name in (joint.name for joint in data.joints) if name in find_scalars(data)],
         voltage=float(data.logs[0].meta.get("supply_voltage", 0.0) or 0.0),
-        speeds=_Speeds(data),
+        speeds=partial(_speeds, data),
         heat=_Heats(data, fixed),
-        commands=_Commands(data),
+        commands=partial(_largest_command, data),
         touching=touching(data.models[0], _poses(data)),
         bases=_bases(data),
         feels=_feels(data),
-        reached=lambda joint: _reached(data, joint),
+        reached=partial(_reached, data),
     )
 
 
@@ -99,37 +95,25 @@ def _poses(data: Data) -> np.ndarray:
     return np.concatenate(found)
 
 
-class _Speeds:
-    """How fast the commands of a log move."""
-
-    def __init__(self, data: Data) -> None:
-        self._data = data
-
-    def __call__(self, actuator: str) -> tuple[float, float]:
-        """Return the usual and the largest speed of an actuator's command [rad/s]."""
-        found = []
-        for log in self._data.logs:
-            column = f"ctrl.{actuator}"
-            if column in log.columns:
-                same = np.diff(log.episode) == 0
-                found.append(np.abs(np.diff(log.columns[column]) / np.diff(log.time))[same])
-        if not found:
-            return FASTEST, FASTEST
-        usual, most = np.quantile(np.concatenate(found), (USUAL, 1.0))
-        return max(float(usual), SLOWEST), float(most)
-
-
-class _Commands:
-    """How large the commands of a log are."""
-
-    def __init__(self, data: Data) -> None:
-        self._data = data
-
-    def __call__(self, actuator: str) -> float:
-        """Return an actuator's largest command without its sign, in its own unit."""
+def _speeds(data: Data, actuator: str) -> tuple[float, float]:
+    """Return the usual and the largest speed of an actuator's command [rad/s]."""
+    found = []
+    for log in data.logs:
         column = f"ctrl.{actuator}"
-        found = [log.columns[column] for log in self._data.logs if column in log.columns]
-        return float(np.abs(np.concatenate(found)).max()) if found else 0.0
+        if column in log.columns:
+            same = np.diff(log.episode) == 0
+            found.append(np.abs(np.diff(log.columns[column]) / np.diff(log.time))[same])
+    if not found:
+        return FASTEST, FASTEST
+    usual, most = np.quantile(np.concatenate(found), (USUAL, 1.0))
+    return max(float(usual), SLOWEST), float(most)
+
+
+def _largest_command(data: Data, actuator: str) -> float:
+    """Return an actuator's largest command without its sign, in its own unit."""
+    column = f"ctrl.{actuator}"
+    found = [log.columns[column] for log in data.logs if column in log.columns]
+    return float(np.abs(np.concatenate(found)).max()) if found else 0.0
 
 
 class _Heats:
