@@ -24,19 +24,12 @@ from sim2real.runs.errors import Sim2RealError
 
 @dataclass(frozen=True)
 class Baseline:
-    """What the model as given leaves.
-
-    Args:
-        data: the windows.
-        errors: simulated minus measured, (W, T, M), over the joints' scale.
-        floors: noise floor of each joint [rad or m], (M,).
-        blocks: of all windows.
-    """
+    """What the model as given leaves."""
 
     data: Data
-    errors: np.ndarray
-    floors: np.ndarray
-    blocks: Blocks
+    errors: np.ndarray  # (W, T, M) simulated minus measured, over the joints' scale
+    floors: np.ndarray  # (M,) noise floor of each joint [rad or m]
+    blocks: Blocks  # of all windows
 
     @staticmethod
     def of(replayer: Replayer, rng: np.random.Generator) -> Baseline:
@@ -70,9 +63,7 @@ class Baseline:
     ) -> tuple[tuple[JointGap, ...], tuple[Band, ...]]:
         """Return where the gap lies, by joint and kind of moment, and by frequency.
 
-        Args:
-            after: errors with the causes, (W, T, M); None where there are none.
-            rng: of the bootstrap.
+        `after` are errors with the causes, (W, T, M); None where there are none.
         """
         data, settings = self.data, self.data.settings
         floors, scale, models = self.floors, data.scale, data.log_models

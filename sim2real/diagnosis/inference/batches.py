@@ -69,12 +69,7 @@ class _Batch:
 
 
 def simulate_each(simulator: Simulator, sets: Sequence[Rows]) -> list[Simulated]:
-    """Simulate several sets of rows, and return what each came to.
-
-    Args:
-        simulator: of the windows.
-        sets: the rows.
-    """
+    """Simulate several sets of rows, and return what each came to."""
     batches: list[_Batch] = []
     for number, one in enumerate(sets):
         structure = _structure(one.members)

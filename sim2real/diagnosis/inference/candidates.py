@@ -36,27 +36,16 @@ SAME = 1e-12  # a probe this close to neutral changes nothing
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect at a place, and where a fit of it starts.
-
-    Args:
-        effect: the effect.
-        joint: the joint whose motion shows it first; None for the robot.
-        probes: values of its parameters that span what may be, (K, P).
-        neutral: values at which it is absent, (P,).
-        low: smallest values, (P,).
-        high: largest values, (P,).
-        group: candidates of one group can be simulated in one batch.
-        joints: those whose motion it changes: its own, and for a body all that carry it.
-    """
+    """An effect at a place, and where a fit of it starts."""
 
     effect: Effect
-    joint: str | None
-    probes: np.ndarray
-    neutral: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    group: str
-    joints: tuple[str, ...] = ()
+    joint: str | None  # whose motion shows it first; None for the robot
+    probes: np.ndarray  # (K, P) values of its parameters that span what may be
+    neutral: np.ndarray  # (P,) values at which it is absent
+    low: np.ndarray  # (P,) smallest values
+    high: np.ndarray  # (P,) largest values
+    group: str  # candidates of one group can be simulated in one batch
+    joints: tuple[str, ...] = ()  # whose motion it changes: its own; of a body all that carry it
 
     @property
     def name(self) -> str:

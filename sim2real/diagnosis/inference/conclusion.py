@@ -32,28 +32,18 @@ SAME = 1e-4  # of what an explanation gains: predictions that differ by 1 % of i
 
 @dataclass(frozen=True)
 class Conclusion:
-    """A report without its evidence's pictures, and the fit behind it, causes in their order.
-
-    Args:
-        report: see `schema`.
-        found: the effects on the robot and its world, with their values.
-        intervals: of each one's first value, (n, 2).
-        ladder: the gap as given, with the causes, and the floor.
-        singles: explanations of one change.
-        bands: the gap by frequency.
-        errors: held out, (W, T, M), as given and with the causes, by their places.
-        correlations: of the causes' first values, (n, n).
-        alike: labels and effects of explanations that the logs cannot tell apart.
-    """
+    """A report without its evidence's pictures, and the fit behind it, causes in their order."""
 
     report: Report
-    found: tuple[Fixed, ...]
-    intervals: tuple[Pair, ...]
-    ladder: tuple[Rung, ...]
-    singles: tuple[SingleFit, ...]
-    bands: tuple[Band, ...]
+    found: tuple[Fixed, ...]  # the effects on the robot and its world, with their values
+    intervals: tuple[Pair, ...]  # of each one's first value
+    ladder: tuple[Rung, ...]  # the gap as given, with the causes, and the floor
+    singles: tuple[SingleFit, ...]  # explanations of one change
+    bands: tuple[Band, ...]  # the gap by frequency
+    # held out, (W, T, M), as given and with the causes, by their places
     errors: Mapping[frozenset[int], np.ndarray]
-    correlations: np.ndarray
+    correlations: np.ndarray  # (n, n) of the causes' first values
+    # labels and effects of explanations that the logs cannot tell apart
     alike: tuple[tuple[str, tuple[Fixed, ...]], ...] = ()
 
 
@@ -69,13 +59,7 @@ class _Part(NamedTuple):
 def make_conclusion(
     judgement: Judgement, baseline: Baseline, rng: np.random.Generator
 ) -> Conclusion:
-    """Return a judgement as a report, and the fit behind it.
-
-    Args:
-        judgement: of the judge.
-        baseline: the gap as given.
-        rng: for the intervals of the gap.
-    """
+    """Return a judgement on a gap as a report, and the fit behind it; `rng` draws intervals."""
     best = judgement.best
     error = judgement.judge.replay_errors(best)
     parts = _parts(judgement)

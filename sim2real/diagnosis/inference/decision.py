@@ -25,20 +25,13 @@ class Left(NamedTuple):
     """What a discrepancy of any size gains over one of at most an encoder count.
 
     Contact and sticking make errors jump: the few windows in which it gains most may be left.
-
-    Args:
-        gain: without these windows [nats a reading], with bounds.
-        worst: the same of a joint alone, of its own readings, where all pass and that is more.
-        whole: upper bound with them [nats a reading].
-        closes: share that the fit closes of the errors of the others that exceed noise.
-        usual: whether the errors of the model's parameters that it takes are as small as usual.
     """
 
-    gain: Gain
-    worst: Gain
-    whole: float = 0.0
-    closes: float = 1.0
-    usual: bool = True
+    gain: Gain  # without these windows [nats a reading], with bounds
+    worst: Gain  # the same of a joint alone, of its own readings, where all pass and that is more
+    whole: float = 0.0  # upper bound with them [nats a reading]
+    closes: float = 1.0  # share that the fit closes of the errors of the others that exceed noise
+    usual: bool = True  # whether errors of the model's parameters that it takes are as usual
 
     def is_nothing(self, settings: Inference) -> bool:
         """Return whether a fit passes the test of equivalence."""
@@ -46,33 +39,21 @@ class Left(NamedTuple):
 
 
 class Standing(NamedTuple):
-    """How an explanation stands.
+    """How an explanation stands."""
 
-    Args:
-        members: how many changes it has; 0: the model as given.
-        left: what it leaves.
-        over: what it gains over each null explanation and the model as given [nats], with bounds.
-        inside: whether all values lie within the bounds of what they can physically be.
-        replays: whether whole episodes follow it at least as well as a joint that stays.
-        alone: whether no explanation as short as this does as well with quite other causes or an
-            excluded effect, and no two of its effects are at one joint of several.
-    """
-
-    members: int
+    members: int  # how many changes it has; 0: the model as given
     left: Left
+    # what it gains over each null explanation and the model as given [nats], with bounds
     over: Sequence[Gain] = ()
-    inside: bool = True
-    replays: bool = True
+    inside: bool = True  # whether all values lie within the bounds of what they can physically be
+    replays: bool = True  # whether whole episodes follow it at least as well as a joint that stays
+    # whether no explanation as short as this does as well with quite other causes or an excluded
+    # effect, and no two of its effects are at one joint of several
     alone: bool = True
 
 
 def decide_verdict(standing: Standing, settings: Inference) -> Verdict:
-    """Return the verdict.
-
-    Args:
-        standing: of the best explanation.
-        settings: the tolerance.
-    """
+    """Return the verdict on the best explanation."""
     equivalent, closes = standing.left.is_nothing(settings), standing.left.closes
     if not standing.members:
         return "no_gap" if equivalent else "unexplained"
@@ -89,14 +70,9 @@ def compute_price(members: int, values: int, choices: int, settings: Inference) 
 
     Each member is one of so many that were looked at, so that one of them is expected to gain the
     log of their number by chance (Bonferroni), and odds of one over the level are asked for as
-    well. Each value costs half the log of the evidence (Schwarz 1978, doi:10.1214/aos/1176344136),
-    which is one over the temperature: rows are no independent evidence.
-
-    Args:
-        members: of the hypothesis.
-        values: that these leave free.
-        choices: members of the vocabulary.
-        settings: level and temperature.
+    well. Each value that is free costs half the log of the evidence (Schwarz 1978,
+    doi:10.1214/aos/1176344136), which is one over the temperature: rows are no independent
+    evidence.
     """
     each, value = math.log(choices / settings.level), math.log(1 / settings.temperature) / 2
     return settings.temperature * (each * members + value * values)

@@ -25,10 +25,7 @@ APART = 2  # members by which an explanation is another one
 def compute_separation(fitter: Fitter, one: Fit, other: Fit) -> float:
     """Return the expected log ratio of two fits' densities on these windows [nats].
 
-    Args:
-        fitter: that made both.
-        one: whose discrepancy counts.
-        other: the explanation that it is compared with.
+    The discrepancy of the first counts; the fitter made both.
     """
     apart = (one.own - other.own)[..., None]
     return sum(
@@ -41,12 +38,7 @@ class Distance:
     """Which explanations the windows distinguish, by more than an encoder count.
 
     As for what is left of a gap, a model that is off by a count is right: they are compared with a
-    discrepancy of a count or more.
-
-    Args:
-        fitter: that made them.
-        bootstrap: says which predicts significantly better.
-        count: of each joint, in noises, (M,).
+    discrepancy of a count or more: of each joint, in noises, (M,).
     """
 
     def __init__(self, fitter: Fitter, bootstrap: Bootstrap, count: np.ndarray) -> None:
@@ -54,12 +46,7 @@ class Distance:
         self._scores: dict[Fit, np.ndarray] = {}  # (W,) nats
 
     def score(self, fitter: Fitter, fit: Fit) -> np.ndarray:
-        """Return the score of a fit, (W,) nats.
-
-        Args:
-            fitter: that made it; it is asked once, and the score is kept.
-            fit: what is scored.
-        """
+        """Return the score of a fit, (W,) nats, by the fitter that made it; it is kept."""
         if fit not in self._scores:
             (self._scores[fit],) = fitter.score_within(fit, [(self._count, np.inf)], near=True)
         return self._scores[fit]
@@ -80,12 +67,8 @@ def stands_alone(best: Fit, others: Sequence[Fit], distinct: Callable[[Fit], boo
     """Return whether no explanation as long as the best does as well with quite other causes.
 
     One other member is an equivalent of the one in whose place it stands. Two are no names, unless
-    each stands for one of the best by itself as well.
-
-    Args:
-        best: the explanation.
-        others: explanations of any length.
-        distinct: whether the windows distinguish one of them from the best.
+    each stands for one of the best by itself as well. `distinct` says whether the windows
+    distinguish a fit from the best.
     """
     own = _labels(best)
     rivals = [one for one in others if len(_labels(one)) == len(own)]
@@ -95,13 +78,9 @@ def stands_alone(best: Fit, others: Sequence[Fit], distinct: Callable[[Fit], boo
 
 
 def share_joint(hypothesis: Hypothesis, joints: int) -> bool:
-    """Return whether two effects are at one joint of a robot that has others.
+    """Return whether two effects are at one joint of a robot that has others: so many `joints`.
 
     Independent causes seldom meet there, while a law that is missing is imitated where it acts.
-
-    Args:
-        hypothesis: the explanation.
-        joints: how many the robot has.
     """
     places = [m.place for m in hypothesis.members if get_kind(m) == "robot"]
     own = [place for place in places if place is not None]

@@ -22,11 +22,7 @@ from sim2real.diagnosis.inference.unknowns import cap_directions
 def follows_episodes(data: Data, fit: Fit, fixed: Sequence[Fixed], work: Work | None) -> bool:
     """Return whether whole episodes follow a fit rather than joints that stay.
 
-    Args:
-        data: the windows.
-        fit: the explanation; the model as given passes.
-        fixed: effects that are in the model.
-        work: counts what is simulated.
+    The model as given passes.
     """
     if not fit.hypothesis.members:
         return True

@@ -41,25 +41,16 @@ class Start(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A hypothesis with its values, and how well they predict.
+    """A hypothesis with its values, and how well they predict."""
 
-    Args:
-        hypothesis: what was fitted.
-        values: fitted to each fold, (2, P).
-        own: errors under the values fitted to the window's own fold, (W, N, M).
-        held: errors under the values fitted to the other fold, (W, N, M).
-        trained: the discrepancy of each fold under its own values.
-        density: log density of each fold under its own values [nats], (2,).
-        score: log predictive density of each window, given the other fold, less what the usual
-            errors of the model cost [nats], (W,).
-    """
-
-    hypothesis: Hypothesis
-    values: np.ndarray
-    own: np.ndarray
-    held: np.ndarray
-    trained: tuple[Trained, ...]
-    density: np.ndarray
+    hypothesis: Hypothesis  # what was fitted
+    values: np.ndarray  # (2, P) fitted to each fold
+    own: np.ndarray  # (W, N, M) errors under the values fitted to the window's own fold
+    held: np.ndarray  # (W, N, M) errors under the values fitted to the other fold
+    trained: tuple[Trained, ...]  # the discrepancy of each fold under its own values
+    density: np.ndarray  # (2,) log density of each fold under its own values [nats]
+    # (W,) log predictive density of each window, given the other fold, less what the usual errors
+    # of the model cost [nats]
     score: np.ndarray
 
     @property
@@ -80,13 +71,9 @@ class Fit:
 
 
 class Fitter:
-    """Fits hypotheses to windows.
+    """Fits hypotheses to windows, each of a fold, (W,), by the likelihood of their errors.
 
-    Args:
-        replayer: replays them.
-        likelihood: of their errors.
-        fold: of each window, (W,).
-        quick: replays them in longer time steps, for slopes; None: as they are judged.
+    `quick` replays them in longer time steps, for slopes; None: as they are judged.
     """
 
     def __init__(
@@ -105,11 +92,8 @@ class Fitter:
         """Return the fits of hypotheses, each from the best of its points.
 
         They race: one that would not reach the best at the pace of its last step goes no further.
-        A step that failed says nothing of the pace of the next, which is damped more.
-
-        Args:
-            starts: hypotheses, and where each begins.
-            rounds: largest number of steps; None: that of the settings.
+        A step that failed says nothing of the pace of the next, which is damped more. They take so
+        many rounds at most; None: those of the settings.
         """
         states = self._begin(starts)
         rounds = self.settings.rounds if rounds is None else rounds
@@ -140,10 +124,8 @@ class Fitter:
     ) -> np.ndarray:
         """Return the scores of a fit, (K, W) nats, whose discrepancy has a size within a range.
 
-        Args:
-            fit: what is scored.
-            ranges: smallest and largest sizes in noises, numbers or (M,) each.
-            near: whether the discrepancy begins as large as it is where it is free.
+        Ranges are smallest and largest sizes in noises, numbers or (M,) each; `near` begins with
+        the discrepancy as large as it is where it is free.
         """
         scores = np.zeros((len(ranges), len(self.fold)))
         for side, own in enumerate(self.sides):

@@ -20,16 +20,10 @@ LEAST = 3  # windows of a fold that changes are screened on
 
 
 class Quick(Fitter):
-    """What fits in longer time steps.
+    """What fits in longer time steps: all windows, or those `chosen`, (n,), by their likelihood.
 
-    What longer steps change of the model as given is taken off all errors.
-
-    Args:
-        fitter: in the model's own steps, of all windows.
-        given: the model as given.
-        coarse: replays the windows that are looked at.
-        chosen: which these are, (n,); None: all.
-        likelihood: of these; None: the fitter's.
+    What longer steps change of the model as given is taken off all errors. The fitter takes the
+    model's own steps; `coarse` replays the windows that are looked at.
     """
 
     def __init__(
@@ -54,14 +48,8 @@ class Quick(Fitter):
 class Glance(Quick):
     """What changes are screened with: some windows of each fold, in longer time steps.
 
-    Half of them are those with most to explain, the others lie evenly over the rest.
-
-    Args:
-        fitter: of all windows.
-        given: the model as given.
-        left: what there is to explain in each window [nats], (W,).
-        local: see `Likelihood`.
-        common: see `Likelihood`.
+    Half of them are those with most `left` to explain, (W,) nats, the others lie evenly over the
+    rest. What is unknown of all windows is `local` and `common`, see `Likelihood`.
     """
 
     def __init__(

@@ -22,9 +22,7 @@ NAME = "ground_friction"
 def check_grip(replayer: Replayer, floor: float) -> list[Finding]:
     """Return a finding where friction at the feet changes less than noise does.
 
-    Args:
-        replayer: of all windows.
-        floor: noise floor, in the units of errors.
+    The floor is the noise's, in the units of errors.
     """
     data, count = replayer.data, len(replayer.every)
     own = [option for option in candidates(data, (), replayer.fixed) if option.name == NAME]

@@ -29,10 +29,7 @@ def compute_intervals(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return 90 % intervals of a fit's values, (P, 2), and their correlations, (P, P).
 
-    Args:
-        fitter: that made it.
-        fit: the answer.
-        others: changes that are equivalent to one of its members.
+    The others are changes that are equivalent to one of its members.
     """
     count = fit.values.shape[1]
     if not count:

@@ -52,33 +52,19 @@ SURE = 4.0  # noises or counts that an error of noise alone does not reach
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the judge says.
+    """What the judge says."""
 
-    Args:
-        verdict: see `decision`.
-        best: the explanation; the model as given where there is none.
-        given: the model as given.
-        nulls: the null explanations by name.
-        rivals: other explanations that were fitted to the end, the best first.
-        left: what a free discrepancy still gains over one of a count [nats a reading].
-        pushes: torques that act for a moment and hold most of what is left.
-        probability: of the best and of each rival, (1 + n,).
-        unknown: probability of a law that is not in the vocabulary.
-        imitators: explanations with an effect that is excluded, which do as well.
-        judge: who said so.
-    """
-
-    verdict: Verdict
-    best: Fit
-    given: Fit
-    nulls: dict[str, Fit]
-    rivals: tuple[Fit, ...]
-    left: Gain
-    pushes: tuple[Pushed, ...]
-    probability: np.ndarray
-    unknown: float
-    imitators: tuple[Fit, ...]
-    judge: Judge
+    verdict: Verdict  # see `decision`
+    best: Fit  # the explanation; the model as given where there is none
+    given: Fit  # the model as given
+    nulls: dict[str, Fit]  # the null explanations by name
+    rivals: tuple[Fit, ...]  # other explanations that were fitted to the end, the best first
+    left: Gain  # what a free discrepancy still gains over one of a count [nats a reading]
+    pushes: tuple[Pushed, ...]  # torques that act for a moment and hold most of what is left
+    probability: np.ndarray  # (1 + n,) of the best and of each rival
+    unknown: float  # probability of a law that is not in the vocabulary
+    imitators: tuple[Fit, ...]  # explanations with an effect that is excluded, which do as well
+    judge: Judge  # who said so
 
 
 class Judge(Criteria):
@@ -114,20 +100,12 @@ class Judge(Criteria):
         self.search = Search(self, self.coarse, *unknown)
 
     def judge(self, vocabulary: Vocabulary) -> Judgement:
-        """Return the judgement on the gap.
-
-        Args:
-            vocabulary: what it may be explained by.
-        """
+        """Return the judgement on the gap, which a vocabulary may explain."""
         tried = self.find(vocabulary)
         return self.conclude(tried, vocabulary.list_excluded(self.replay_errors(self.given)))
 
     def find(self, vocabulary: Vocabulary) -> dict[str, Fit]:
-        """Return what was fitted in search of an explanation, by label; `choose` says which wins.
-
-        Args:
-            vocabulary: what the gap may be explained by.
-        """
+        """Return what was fitted to explain the gap, by label; `choose` says which wins."""
         tried, self.choices = {self.given.label: self.given}, vocabulary.choices
         self._world = vocabulary.robot  # whether it may have pushed the robot
         best = self._begin([make_start(change) for change in vocabulary.shown], tried)
@@ -153,10 +131,6 @@ class Judge(Criteria):
 
         What the log shows of itself is no guess about the robot, and comes first: an effect that
         imitates it would leave the log's columns at odds.
-
-        Args:
-            shown: mistakes that the log's own columns show.
-            tried: gets what was fitted.
         """
         for fit in self.fitter.fit(shown):
             if self.wins(self._judge_apart(fit, self.given), self.given):
@@ -189,12 +163,7 @@ class Judge(Criteria):
     def _look(self, hypothesis: Hypothesis, values: np.ndarray) -> list[np.ndarray]:
         """Take the likelihood whose starts and usual errors are those under a hypothesis.
 
-        Args:
-            hypothesis: the model.
-            values: fitted to each fold, (2, P).
-
-        Returns:
-            What is unknown around its errors; see `unknowns`.
+        Return what is unknown around its errors under values (2, P) of the folds; see `unknowns`.
         """
         fitter, *unknown = self._make(hypothesis, values)
         self._around, self.basis = hypothesis.label, fitter.likelihood.basis

@@ -91,11 +91,6 @@ def list_simpler(fit: Fit, place: int, others: Iterable[Member]) -> list[Start]:
 
     A simpler law is an effect of the same unit at the same place and side that lacks some of the
     member's further values, as friction without a Stribeck curve does.
-
-    Args:
-        fit: the explanation.
-        place: of the member.
-        others: what may stand there.
     """
     member, column = fit.hypothesis.members[place], fit.hypothesis.columns[place]
     if not isinstance(member, Candidate) or isinstance(member, Untied):
@@ -131,9 +126,7 @@ def _is_simpler(other: Candidate, member: Candidate) -> bool:
 def list_untied(fit: Fit, options: Sequence[Candidate]) -> list[Start]:
     """Return a fit with a value for each joint in the place of one for all, a member at a time.
 
-    Args:
-        fit: the explanation.
-        options: what the robot may have.
+    The options are effects that the robot may have.
     """
     found = []
     for place, column in enumerate(fit.hypothesis.columns):
@@ -145,11 +138,7 @@ def list_untied(fit: Fit, options: Sequence[Candidate]) -> list[Start]:
 
 
 def list_shorter(fit: Fit) -> list[Start]:
-    """Return a fit without one of several members; with one value for all joints, not for each.
-
-    Args:
-        fit: the explanation, whose other values stay.
-    """
+    """Return a fit without one of several members; with one value for all joints, not for each."""
     members, columns = fit.hypothesis.members, fit.hypothesis.columns
     found = [without(fit, place) for place in range(len(members)) if len(members) > 1]
     for place, member in enumerate(members):

@@ -106,13 +106,8 @@ def find_pushes(
     """Return the pushes that most of what a fit leaves is of, the clearest first.
 
     None where they leave more: a law that is missing everywhere is no push. Nor where all of it is
-    not worth a cause: of errors with one variance, the tolerance is a share of the squares.
-
-    Args:
-        fitter: that made the fit.
-        fit: the explanation so far.
-        left: what it leaves of each reading, (W, N, M).
-        before: the same of the model as given.
+    not worth a cause: of errors with one variance, the tolerance is a share of the squares. What
+    the fit leaves of each reading is `left`, (W, N, M), and `before` what the model as given does.
     """
     found, held = [], 0.0
     of_window = left.sum(axis=(1, 2))

@@ -26,9 +26,7 @@ class Stretch(NamedTuple):
 def find_stretch(judgement: Judgement, left: np.ndarray) -> Stretch | None:
     """Return the shortest stretch that holds most of what is left; None where it is everywhere.
 
-    Args:
-        judgement: of the judge.
-        left: what is left of each reading, (W, N, M).
+    What is left of each reading is `left`, (W, N, M).
     """
     judge = judgement.judge
     rows = left.sum(axis=2)

@@ -77,13 +77,7 @@ class _Ask(NamedTuple):
 
 
 class Replayer:
-    """Replays windows of logs under hypotheses.
-
-    Args:
-        data: the windows.
-        fixed: effects that are known, and part of the model.
-        work: counts what is simulated; None: by itself.
-    """
+    """Replays windows of logs under hypotheses; `fixed` effects are part of the model."""
 
     def __init__(self, data: Data, fixed: Sequence[Fixed] = (), work: Work | None = None) -> None:
         self.data, self.fixed = replace(data, starts=None), tuple(fixed)
@@ -110,9 +104,7 @@ class Replayer:
     def part(self, windows: np.ndarray, data: Data | None = None) -> Replayer:
         """Return a replayer of some windows, (n,), at the same rows and with the same noise.
 
-        Args:
-            windows: which.
-            data: all windows with other models of the same robot; None: as they are here.
+        `data` are all windows with other models of the same robot; None: as they are here.
         """
         own = (self.data if data is None else data).only(windows)
         other = Replayer(own, self.fixed, self.work)
@@ -220,11 +212,8 @@ class Replayer:
     def starts(self, hypothesis: Hypothesis, values: np.ndarray) -> np.ndarray:
         """Return what one standard deviation of each start changes, (W, N, M, 2 M).
 
-        Positions are off by the noise of a reading, speeds by that of what they were taken from.
-
-        Args:
-            hypothesis: the model.
-            values: of each window, (W, P).
+        Positions are off by the noise of a reading, speeds by that of what they were taken from;
+        the model is a hypothesis under values (W, P).
         """
         if self.finer is not None and hypothesis.needs_short_steps:
             return self.finer.starts(hypothesis, values)

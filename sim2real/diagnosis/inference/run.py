@@ -32,26 +32,16 @@ Restart = Callable[[Sequence[Fixed]], Data]
 
 
 class About(NamedTuple):
-    """What a diagnosis is about.
-
-    Args:
-        data: the windows.
-        exclude: effects that explain nothing.
-        fixed: effects that are in the model.
-        rng: for all intervals.
-        moving: receives what is being tried.
-        work: counts what is simulated.
-        restart: returns the windows whose starts were estimated with some effects in the model;
-            None: starts are known. Where it is given, logs are taken as they are: an estimate was
-            made of them.
-    """
+    """What a diagnosis is about."""
 
     data: Data
-    exclude: Sequence[str]
-    fixed: Sequence[Fixed]
-    rng: np.random.Generator
-    moving: Moving
-    work: Work
+    exclude: Sequence[str]  # names of effects that explain nothing
+    fixed: Sequence[Fixed]  # effects that are in the model
+    rng: np.random.Generator  # for all intervals
+    moving: Moving  # receives what is being tried
+    work: Work  # counts what is simulated
+    # returns the windows whose starts were estimated with some effects in the model; None: starts
+    # are known. Where it is given, logs are taken as they are: an estimate was made of them
     restart: Restart | None = None
 
 
@@ -100,10 +90,7 @@ def find_mistakes(data: Data, fixed: Sequence[Fixed] = ()) -> list[str]:
     It is a first look, at part of the windows. It ends where they show no gap, or none that one
     mistake closes: a robot that differs from its model is seldom explained by a mistake in the log,
     and what mistakes explain in part may be the robot's. That is left to a diagnosis.
-
-    Args:
-        data: the windows.
-        fixed: effects that are in the model.
+    Effects that are fixed are in the model.
 
     Raises:
         Sim2RealError: a model that cannot follow the logs.

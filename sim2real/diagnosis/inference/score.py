@@ -45,13 +45,7 @@ def deal_folds(windows: Sequence[Window]) -> np.ndarray:
 
 
 class Bootstrap:
-    """Draws of blocks of windows, the same for every comparison.
-
-    Args:
-        windows: neighbours in an episode share a block.
-        rng: draws the blocks.
-        settings: how many draws, and at which level.
-    """
+    """Draws of blocks of windows, neighbours in an episode, the same for every comparison."""
 
     def __init__(
         self, windows: Sequence[Window], rng: np.random.Generator, settings: Inference

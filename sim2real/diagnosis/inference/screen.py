@@ -43,13 +43,7 @@ class Line(NamedTuple):
 
 
 def pick_starts(base: Fit, lines: Sequence[Line], most: int) -> list[Start]:
-    """Return the changes that promise most with a base, at their best along a straight line.
-
-    Args:
-        base: fitted to the windows that are looked at, with what is known.
-        lines: of the changes, see `trace_lines`.
-        most: how many changes are returned.
-    """
+    """Return so many changes that promise most with a base, at their best along `trace_lines`."""
     return [join_lines(base, [line], [line.scale]) for line in _pick(lines, most)]
 
 
@@ -66,12 +60,6 @@ def pick_closest(fitter: Fitter, base: Fit, lines: Sequence[Line], most: int) ->
 
     A gain is measured in the metric of the base, whose discrepancy absorbs large errors at little
     cost. That a change makes this discrepancy superfluous does not show along a straight line.
-
-    Args:
-        fitter: of the windows that are looked at.
-        base: see `pick_starts`.
-        lines: of the changes.
-        most: how many changes are returned.
     """
     weight = fitter.replayer.used[..., None] / fitter.replayer.noise
     left = [float(np.square(weight * (base.own + line.change)).sum()) for line in lines]
@@ -84,14 +72,8 @@ def pick_alike(
 ) -> list[Start]:
     """Return what changes the errors most nearly as a member does, in its place and as far.
 
-    A change's probe is the one whose line is most nearly parallel, in this metric.
-
-    Args:
-        fitter: of the windows that are looked at.
-        best: the explanation that has the member.
-        rest: the same values without it.
-        lines: of all changes.
-        most: how many are returned.
+    The best has the member, the rest are the same values without it. A change's probe is the one
+    whose line is most nearly parallel, in this metric.
     """
     own, there = best.own - rest.own, {member.label for member in best.hypothesis.members}
     lines = [line for line in lines if line.member.label not in there]
@@ -116,12 +98,6 @@ def list_promising(fitter: Fitter, base: Fit, lines: Sequence[Line], most: int) 
     """Return the labels of the changes that promise most by lines traced from another base.
 
     What a change does is taken to be what it did there; this is a step of matching pursuit.
-
-    Args:
-        fitter: of the windows that are looked at.
-        base: what they would be combined with.
-        lines: of the changes.
-        most: how many are returned.
     """
     found = []
     for first in range(0, len(lines), CHUNK):

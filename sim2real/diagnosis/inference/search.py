@@ -42,13 +42,10 @@ from sim2real.diagnosis.inference.screen import (
 
 
 class Search:
-    """Fits what may explain the gap.
+    """Fits what may explain the gap; the judge says what wins.
 
-    Args:
-        judge: says what wins.
-        coarse: replays all windows in longer time steps.
-        local: what is unknown of each window; see `Likelihood`.
-        common: what is unknown of all windows.
+    `coarse` replays all windows in longer time steps. `local` is unknown of each of them, `common`
+    of all, see `Likelihood`.
     """
 
     def __init__(
@@ -116,11 +113,7 @@ class Search:
         """Fit the best of what is longer in the model's own steps into what was tried, if none won.
 
         Longer steps change contacts, which may cost what an explanation gains. The best that mends
-        the log was judged in its own ones.
-
-        Args:
-            before: the best before anything longer was fitted.
-            tried: what was fitted, in place.
+        the log was judged in its own ones. `before` was the best of what is shorter.
         """
         most = len(before.hypothesis.members)
         if len(self._judge.choose(tried).hypothesis.members) > most:
@@ -147,9 +140,7 @@ class Search:
     def imitate(self, best: Fit, excluded: Sequence[Start]) -> list[Fit]:
         """Return fits of excluded changes in the place of each member of the best, and of all.
 
-        Args:
-            best: the explanation, which the steps are anchored to.
-            excluded: the changes, each by itself.
+        The steps are anchored to the best.
         """
         every, found = range(len(best.hypothesis.members)), {}
         (given,) = self.glance.fit([restart(self._judge.given)], rounds=0)
@@ -168,12 +159,9 @@ class Search:
     def _fit(self, starts: Sequence[Start], tried: dict[str, Fit], alike: bool = False) -> None:
         """Fit starts into what was tried: at a glance, and the better half of each size fully.
 
-        Args:
-            starts: what is fitted.
-            tried: gets the fits.
-            alike: whether starts stand for one another. Windows of another log start elsewhere, so
-                that the unknowns around one say little of the other: the best that mends the log
-                and the best that leaves it as it is are then fitted fully, too.
+        They may be `alike`, to stand for one another. Windows of another log start elsewhere, so
+        that the unknowns around one say little of the other: the best that mends the log and the
+        best that leaves it as it is are then fitted fully, too.
         """
         rounds = self.settings.rounds - self.settings.glances
         for count in sorted({len(start.hypothesis.members) for start in starts}):

@@ -58,8 +58,7 @@ class State:
     def join(self, others: Sequence[State]) -> np.ndarray | None:
         """Return the values, (2, P), with each change that gains in a fold; None below two.
 
-        Args:
-            others: each changes one value.
+        Each of the others changes one value.
         """
         if len(others) < 2:
             return None

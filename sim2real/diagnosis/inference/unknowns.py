@@ -23,16 +23,10 @@ FAINT = 0.1
 def compute_unknowns(
     replayer: Replayer, coarse: Replayer, hypothesis: Hypothesis, values: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the directions of what is unknown around errors.
+    """Return the directions of what is unknown around the errors under values (W, P).
 
-    Args:
-        replayer: of the windows.
-        coarse: of the same, for the directions.
-        hypothesis: the model.
-        values: of each window, (W, P).
-
-    Returns:
-        Those of a window alone, (W, N, M, L); those common to all, (W, N, M, U).
+    Those of a window alone, (W, N, M, L), and those common to all, (W, N, M, U); `coarse` replays
+    the same windows for them.
     """
     (base,) = replayer.replay([Job(hypothesis, values, replayer.every)])
     if is_lost(replayer, base.error):
@@ -55,15 +49,9 @@ def make_fitter(
     values: np.ndarray,
     basis: Basis | None = None,
 ) -> tuple[Fitter, np.ndarray, np.ndarray]:
-    """Return what fits with the unknowns under a hypothesis, and these; see `compute_unknowns`.
+    """Return what fits with the unknowns under values (2, P) of the folds, and these.
 
-    Args:
-        replayer: of the windows.
-        coarse: of the same; see `compute_unknowns`.
-        fold: of each window, (W,).
-        hypothesis: the model.
-        values: fitted to each fold, (2, P).
-        basis: of the windows' rows; None: it is computed.
+    See `compute_unknowns`; a known basis of the windows' rows is not computed again.
     """
     local, common = compute_unknowns(replayer, coarse, hypothesis, values[fold])
     rows = replayer.times, replayer.used, replayer.noise
@@ -79,13 +67,9 @@ def is_lost(replayer: Replayer, errors: np.ndarray) -> bool:
 def coarsen(replayer: Replayer, given: np.ndarray, windows: np.ndarray) -> Replayer:
     """Return a replayer of some windows, (n,), in longer time steps where these change little.
 
-    What they change of the model as given is taken off all errors. That is no correction where a
-    model is lost, nor where it is large: an effect changes it, too.
-
-    Args:
-        replayer: of all windows.
-        given: errors of the model as given, (W, N, M).
-        windows: which.
+    What they change of the model as given, whose errors are `given`, (W, N, M), is taken off all
+    errors. That is no correction where a model is lost, nor where it is large: an effect changes
+    it, too.
     """
     if is_lost(replayer, given):
         return replayer.part(windows)

@@ -21,15 +21,10 @@ ENDS = ("neutral", "low", "high")
 
 @dataclass(frozen=True, kw_only=True)
 class Untied(Candidate):
-    """The same effect at several joints.
+    """The same effect at several joints."""
 
-    Args:
-        tied: the effect with one value for all of them.
-        options: the effect at each.
-    """
-
-    tied: Candidate
-    options: tuple[Candidate, ...]
+    tied: Candidate  # the effect with one value for all of them
+    options: tuple[Candidate, ...]  # the effect at each
 
     @property
     def label(self) -> str:
@@ -50,11 +45,7 @@ def get_untied_label(label: str) -> str:
 def untie(member: Candidate | LogChange, options: Sequence[Candidate]) -> Untied | None:
     """Return an effect with one value for all joints as one with a value for each.
 
-    None for any other member, and where the robot has no two such joints.
-
-    Args:
-        member: of an explanation.
-        options: what the robot may have.
+    None for any other member, and where the robot has no two such joints among its `options`.
     """
     if not isinstance(member, Candidate) or isinstance(member, Untied) or not member.shared:
         return None

@@ -73,9 +73,7 @@ class Vocabulary:
     def list_starts(self, errors: np.ndarray, joints: Collection[str]) -> list[Start]:
         """Return each change by itself that some joints can show, and where its fit begins.
 
-        Args:
-            errors: simulated minus measured, (W, T, M), with what is known.
-            joints: names of these.
+        Errors, simulated minus measured, (W, T, M), are those with what is known.
         """
         shown = [m for m in self.members if not m.joints or {*m.joints} & {*joints}]
         return self._start(shown, errors)

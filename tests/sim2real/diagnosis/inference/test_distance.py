@@ -15,7 +15,7 @@ def fit(*labels: str, worse: bool = False) -> Any:
 
 def member(name: str, place: str | None) -> Any:
     """Return what stands for an effect at a place."""
-    return SimpleNamespace(name=name, where=place)
+    return SimpleNamespace(name=name, place=place)
 
 
 def alone(best: Any, *others: Any) -> bool:
