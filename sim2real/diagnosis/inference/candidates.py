@@ -1,6 +1,6 @@
 """What could be missing: every effect that this robot can have, at every place.
 
-    for candidate in candidates(data, exclude=("backlash",)):
+    for candidate in candidates(data):
         candidate.effect.label(), candidate.probes      # (K, P) values to look at first
 
 The vocabulary is that of `envs.effects`; an effect that a user registers is a candidate too. What
@@ -120,27 +120,16 @@ def check_names(exclude: Sequence[str]) -> None:
             )
 
 
-def candidates(
-    data: Data,
-    exclude: Sequence[str] = (),
-    fixed: Sequence[Fixed] = (),
-) -> list[Candidate]:
-    """Return every effect that the models can have, but those excluded.
+def candidates(data: Data, fixed: Sequence[Fixed] = ()) -> list[Candidate]:
+    """Return every effect that the models of some logs can have.
 
-    Args:
-        data: the logs and their models.
-        exclude: names of effects to leave out.
-        fixed: effects that are in the model already; more of the same is a candidate where two of
-            them add up, and no candidate where they would get into each other's way.
-
-    Raises:
-        Sim2RealError: an unknown name to exclude.
+    Of an effect that is fixed, which is in the models already, more of the same is a candidate
+    where two of them add up, and none where they would get into each other's way.
     """
-    check_names(exclude)
     scale, spec = robot_scale(data, fixed), undrawn(data.specs[0])
     found = []
     for name, effect in EFFECTS.items():
-        if effect.visible_in_replay and name not in exclude:
+        if effect.visible_in_replay:
             for place, more in itertools.product(effect.places(scale), effect.variants(scale)):
                 candidate = candidate_of(name, {"where": place, **more}, spec, scale)
                 if candidate is not None and not _taken(candidate.effect, fixed):

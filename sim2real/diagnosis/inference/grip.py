@@ -25,7 +25,7 @@ def check_grip(replayer: Replayer, floor: float) -> list[Finding]:
     The floor is the noise's, in the units of errors.
     """
     data, count = replayer.data, len(replayer.every)
-    own = [option for option in candidates(data, (), replayer.fixed) if option.name == NAME]
+    own = [option for option in candidates(data, replayer.fixed) if option.name == NAME]
     if not own:
         return []
     base, _ = replayer.follow(NONE, np.zeros((count, 0)))

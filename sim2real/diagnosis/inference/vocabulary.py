@@ -28,7 +28,7 @@ RIPPLE = "cogging"
 
 def list_effects(data: Data, fixed: Sequence[Fixed] = ()) -> list[Candidate]:
     """Return what may differ of the robot and its world, each label once."""
-    found = candidates(data, (), fixed)
+    found = candidates(data, fixed)
     known = {member.label for member in found}
     return found + [member for member in list_world_changes(data) if member.label not in known]
 
