@@ -28,10 +28,7 @@ def compute_separation(fitter: Fitter, one: Fit, other: Fit) -> float:
     The discrepancy of the first counts; the fitter made both.
     """
     apart = (one.own - other.own)[..., None]
-    return sum(
-        float(fitter.likelihood.curvature(trained, apart, own)[0, 0]) * HALF
-        for trained, own in zip(one.trained, fitter.sides, strict=True)
-    )
+    return float(fitter.curvature(one, apart)[0, 0]) * HALF
 
 
 class Distance:

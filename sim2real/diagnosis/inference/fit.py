@@ -119,6 +119,12 @@ class Fitter:
         state = State(hypothesis, values, own, self._train(own))
         return _as_fit(state, held, self._score(state, held))
 
+    def curvature(self, fit: Fit, vectors: np.ndarray, tempered: bool = True) -> np.ndarray:
+        """Return `Likelihood.curvature`, (P, P), each fold's windows under its own discrepancy."""
+        pairs = zip(fit.trained, self.sides, strict=True)
+        each = [self.likelihood.curvature(one, vectors, own, tempered) for one, own in pairs]
+        return np.sum(each, axis=0)
+
     def score_within(
         self, fit: Fit, ranges: Sequence[Sequence[Any]], near: bool = False
     ) -> np.ndarray:

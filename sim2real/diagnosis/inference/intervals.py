@@ -60,10 +60,7 @@ def compute_intervals(
     safe = np.where(np.array(sizes) == 0, 1.0, sizes)
     slopes = [(one.error - fit.own) / size for one, size in zip(made, safe, strict=True)]
     vectors = np.stack(slopes, axis=-1)
-    curve = sum(
-        fitter.likelihood.curvature(trained, vectors, own, tempered=False)
-        for trained, own in zip(fit.trained, fitter.sides, strict=True)
-    )
+    curve = fitter.curvature(fit, vectors, tempered=False)
     covariance = np.linalg.inv(curve + np.diag(1 / np.square(prior)))[:count, :count]
     spread = np.sqrt(np.diag(covariance))
     # the mean of two folds' values is off by half of what they differ

@@ -99,14 +99,20 @@ def list_promising(fitter: Fitter, base: Fit, lines: Sequence[Line], most: int) 
 
     What a change does is taken to be what it did there; this is a step of matching pursuit.
     """
+    return [line.member.label for line in _pick(_promise(fitter, base, lines), most)]
+
+
+def _promise(fitter: Fitter, base: Fit, lines: Sequence[Line]) -> list[Line]:
+    """Return changes with how far each goes from a base, and what it gains, to second order."""
     found = []
     for first in range(0, len(lines), CHUNK):
         some = lines[first : first + CHUNK]
         slope, curve = _products(fitter, base, [line.change for line in some])
         for line, along, square in zip(some, slope, np.diag(curve), strict=True):
             scale = float(np.clip(-along / max(square, TINY), *_reach(line.member)))
-            found.append(line._replace(gain=-(along + square * scale * HALF) * scale))
-    return [line.member.label for line in _pick(found, most)]
+            gain = -(along + square * scale * HALF) * scale
+            found.append(line._replace(scale=scale, gain=gain))
+    return found
 
 
 def trace_lines(fitter: Fitter, base: Fit, starts: Sequence[Start]) -> list[Line]:
@@ -129,19 +135,12 @@ def trace_lines(fitter: Fitter, base: Fit, starts: Sequence[Start]) -> list[Line
 def _trace(fitter: Fitter, base: Fit, asked: Sequence[tuple[Start, np.ndarray]]) -> list[Line]:
     """Return the lines through some probes (P,) of changes."""
     joined = [join_members(base, s.hypothesis.members, point[None]) for s, point in asked]
-    errors = fitter.replay_points(joined)
-    lines = []
-    for first in range(0, len(asked), CHUNK):
-        some = asked[first : first + CHUNK]
-        changes = [error - base.own for error in errors[first : first + CHUNK]]
-        slope, curve = _products(fitter, base, changes)
-        for k, (start, point) in enumerate(some):
-            (member,) = start.hypothesis.members
-            scale = float(np.clip(-slope[k] / max(curve[k, k], TINY), *_reach(member)))
-            gain = -(slope[k] + curve[k, k] * scale * HALF) * scale
-            if abs(scale) > SMALLEST:
-                lines.append(Line(member, point, changes[k], scale, gain))
-    return lines
+    pairs = zip(asked, fitter.replay_points(joined), strict=True)
+    lines = [
+        Line(start.hypothesis.members[0], point, error - base.own, 0.0, 0.0)
+        for (start, point), error in pairs
+    ]
+    return [line for line in _promise(fitter, base, lines) if abs(line.scale) > SMALLEST]
 
 
 def _products(
@@ -149,8 +148,7 @@ def _products(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return r' V^-1 e, (n,), and r' V^-1 r, (n, n), of changes r of the base's errors e."""
     vectors = np.stack([base.own, *changes], axis=-1)
-    pairs = zip(base.trained, fitter.sides, strict=True)
-    products = np.sum([fitter.likelihood.curvature(t, vectors, own) for t, own in pairs], axis=0)
+    products = fitter.curvature(base, vectors)
     return products[1:, 0], products[1:, 1:]
 
 
