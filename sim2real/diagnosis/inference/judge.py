@@ -68,15 +68,7 @@ class Judgement:
 
 
 class Judge(Criteria):
-    """Judges explanations of the gap in some windows.
-
-    Args:
-        data: the windows.
-        fixed: effects that are known.
-        rng: for the bootstrap.
-        work: counts what is simulated.
-        moving: receives what is being tried.
-    """
+    """Judges explanations of the gap in some windows; the rest is as in `run.About`."""
 
     def __init__(
         self,
@@ -202,9 +194,8 @@ class Judge(Criteria):
     def conclude(self, tried: dict[str, Fit], excluded: Sequence[Start] = ()) -> Judgement:
         """Return the judgement, with starts and usual errors as they are under the answer.
 
-        Args:
-            tried: what `find` returned; concluded once, since the search's memory is freed.
-            excluded: changes that explain nothing, but may do as well as the answer.
+        What `find` returned is concluded once, since the search's memory is freed. Changes that are
+        excluded explain nothing, but may do as well as the answer.
         """
         best, imitators = self._prune(tried, self.search.quick), []
         best = self._swap(best, tried)

@@ -58,10 +58,8 @@ def _is_made_twice(one: LogChange, other: LogChange) -> bool:
 
 def join_members(base: Fit, members: Sequence[Member], points: np.ndarray) -> Start:
     """Return a fit with more members, at points (K, P) of theirs, one after the other."""
-    ends = np.cumsum([len(m.neutral) for m in members], dtype=int)
-    places = {
-        m.label: slice(end - len(m.neutral), end) for m, end in zip(members, ends, strict=True)
-    }
+    columns = Hypothesis(tuple(members)).columns
+    places = {m.label: column for m, column in zip(members, columns, strict=True)}
     hypothesis = Hypothesis.of([*base.hypothesis.members, *members])
     values = np.empty((len(points), FOLDS, len(hypothesis.low)))
     pairs = zip(base.hypothesis.members, base.hypothesis.columns, strict=True)

@@ -19,7 +19,7 @@ from sim2real.diagnosis.inference.candidates import Candidate
 from sim2real.diagnosis.inference.criteria import Criteria
 from sim2real.diagnosis.inference.fit import Fit, Start
 from sim2real.diagnosis.inference.glance import HALVES, Glance, Quick
-from sim2real.diagnosis.inference.hypotheses import Hypothesis, get_kind
+from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member, get_kind
 from sim2real.diagnosis.inference.moves import (
     list_simpler,
     list_untied,
@@ -126,15 +126,7 @@ class Search:
     def swap(self, best: Fit, tried: dict[str, Fit]) -> None:
         """Fit what does about the same as each member in its place."""
         best = self.anchor(best, tried)
-        every = range(len(best.hypothesis.members))
-        own, *parts = self.glance.fit(
-            [restart(best), *(without(best, place) for place in every)], rounds=0
-        )
-        for rest in parts:
-            alike = pick_alike(self.glance, own, rest, self.lines, self.settings.alike)
-            self._fit(alike, tried, alike=True)
-        others = [line.member for line in self.lines]
-        simpler = [start for place in every for start in list_simpler(best, place, others)]
+        simpler = self._exchange(best, self.lines, [line.member for line in self.lines], tried)
         keep_better(self.quick.fit([restart(best), *simpler]), tried)
 
     def imitate(self, best: Fit, excluded: Sequence[Start]) -> list[Fit]:
@@ -142,19 +134,33 @@ class Search:
 
         The steps are anchored to the best.
         """
-        every, found = range(len(best.hypothesis.members)), {}
+        found: dict[str, Fit] = {}
         (given,) = self.glance.fit([restart(self._judge.given)], rounds=0)
+        lines = trace_lines(self.glance, given, excluded)
+        members = [start.hypothesis.members[0] for start in excluded]
+        keep_better(self.quick.fit(self._exchange(best, lines, members, found, [given])), found)
+        return list(found.values())
+
+    def _exchange(
+        self,
+        best: Fit,
+        lines: Sequence[Line],
+        others: Sequence[Member],
+        tried: dict[str, Fit],
+        shorter: Sequence[Fit] = (),
+    ) -> list[Start]:
+        """Fit what does about the same as a member, or what else is missing from shorter fits.
+
+        Return where others that are simpler than a member begin.
+        """
+        every = range(len(best.hypothesis.members))
         own, *parts = self.glance.fit(
             [restart(best), *(without(best, place) for place in every)], rounds=0
         )
-        lines = trace_lines(self.glance, given, excluded)
-        for rest in {fit.label: fit for fit in [*parts, given]}.values():
+        for rest in {fit.label: fit for fit in (*parts, *shorter)}.values():
             alike = pick_alike(self.glance, own, rest, lines, self.settings.alike)
-            self._fit(alike, found, alike=True)
-        members = [start.hypothesis.members[0] for start in excluded]
-        simpler = [start for place in every for start in list_simpler(best, place, members)]
-        keep_better(self.quick.fit(simpler), found)
-        return list(found.values())
+            self._fit(alike, tried, alike=True)
+        return [start for place in every for start in list_simpler(best, place, others)]
 
     def _fit(self, starts: Sequence[Start], tried: dict[str, Fit], alike: bool = False) -> None:
         """Fit starts into what was tried: at a glance, and the better half of each size fully.
