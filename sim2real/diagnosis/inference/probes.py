@@ -7,8 +7,8 @@ Each effect says them itself (`Effect.probes`), from the robot's own sizes: fric
 motors' torque, speeds from its commands.
 """
 
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
+from functools import cache, partial
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from envs.plant import Fixed
 from sim2real.diagnosis.data.dataset import Data
 from sim2real.diagnosis.data.pairs import is_scalar
 from sim2real.diagnosis.data.simulate import Simulator
-from sim2real.diagnosis.data.thermal import Heat
 
 USUAL = 0.97  # share of the time in which a command moves no faster than what is called usual
 FAST = 0.99  # share of the time in which a joint moves no faster than what it reaches
@@ -34,7 +33,7 @@ def robot_scale(data: Data, fixed: Sequence[Fixed] = ()) -> RobotScale:
         [name for name in (joint.name for joint in data.joints) if name in find_scalars(data)],
         voltage=float(data.logs[0].meta.get("supply_voltage", 0.0) or 0.0),
         speeds=partial(_speeds, data),
-        heat=_Heats(data, fixed),
+        heat=_heats(data, tuple(fixed)),
         commands=partial(_largest_command, data),
         touching=touching(data.models[0], _poses(data)),
         bases=_bases(data),
@@ -116,25 +115,20 @@ def _largest_command(data: Data, actuator: str) -> float:
     return float(np.abs(np.concatenate(found)).max()) if found else 0.0
 
 
-class _Heats:
-    """What the squared torques of simulated logs add up to; simulated when first asked."""
+def _heats(data: Data, fixed: Sequence[Fixed]) -> Callable[[str], float]:
+    """Return what the squared torques of simulated logs add up to; simulated when first asked."""
+    names = [data.models[0].actuator(i).name for i in range(data.models[0].nactuator)]
+    simulate = cache(lambda: Simulator(data, fixed).heat)
 
-    def __init__(self, data: Data, fixed: Sequence[Fixed]) -> None:
-        self._data, self._fixed = data, tuple(fixed)
-        self._names = [
-            m.name for m in map(data.models[0].actuator, range(data.models[0].nactuator))
-        ]
-        self._simulated: Heat | None = None
-
-    def __call__(self, actuator: str) -> float:
+    def add_up(actuator: str) -> float:
         """Return an actuator's sum in the hardest of the logs [N²·m²·s]."""
-        if self._simulated is None:
-            self._simulated = Simulator(self._data, self._fixed).heat
-        place = self._names.index(actuator)
+        heat, place = simulate(), names.index(actuator)
         return max(
-            float(np.trapezoid(self._simulated.squares(number)[:, place], log.time))
-            for number, log in enumerate(self._data.logs)
+            float(np.trapezoid(heat.squares(number)[:, place], log.time))
+            for number, log in enumerate(data.logs)
         )
+
+    return add_up
 
 
 def probes_of(effect: Effect, neutral: np.ndarray, scale: RobotScale) -> np.ndarray:
