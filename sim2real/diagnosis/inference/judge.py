@@ -39,13 +39,12 @@ from sim2real.diagnosis.inference.moves import (
 )
 from sim2real.diagnosis.inference.pushes import Pushed, find_pushes
 from sim2real.diagnosis.inference.replayer import Job, Replayer
-from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, Gain, deal_folds
+from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, deal_folds
 from sim2real.diagnosis.inference.search import Search, is_better, keep_better
 from sim2real.diagnosis.inference.unknowns import coarsen, make_fitter
 from sim2real.diagnosis.inference.vocabulary import Vocabulary
 from sim2real.diagnosis.schema import Verdict
 
-NULLS = ("each joint stays", "each joint keeps its measured speed")
 SHARES = (0.05, 0.3, 0.5, 0.6, 0.7)  # of the work that is done, by the members that are known
 SURE = 4.0  # noises or counts that an error of noise alone does not reach
 
@@ -57,9 +56,7 @@ class Judgement:
     verdict: Verdict  # see `decision`
     best: Fit  # the explanation; the model as given where there is none
     given: Fit  # the model as given
-    nulls: dict[str, Fit]  # the null explanations by name
     rivals: tuple[Fit, ...]  # other explanations that were fitted to the end, the best first
-    left: Gain  # what a free discrepancy still gains over one of a count [nats a reading]
     pushes: tuple[Pushed, ...]  # torques that act for a moment and hold most of what is left
     probability: np.ndarray  # (1 + n,) of the best and of each rival
     unknown: float  # probability of a law that is not in the vocabulary
@@ -161,9 +158,8 @@ class Judge(Criteria):
         self._around, self.basis = hypothesis.label, fitter.likelihood.basis
         self._apart: set[str] = set()  # labels of what was judged by unknowns of its own instead
         self.use(fitter)
-        paths = (self.replayer.holding(), self.replayer.coasting())
-        made = zip(NULLS, paths, strict=True)
-        self.nulls = {n: self.fitter.judge(NONE, np.zeros((FOLDS, 0)), (e, e)) for n, e in made}
+        paths, none = (self.replayer.holding(), self.replayer.coasting()), np.zeros((FOLDS, 0))
+        self.nulls = [self.fitter.judge(NONE, none, (errors, errors)) for errors in paths]
         return unknown
 
     def _prune(self, tried: dict[str, Fit], fitter: Fitter) -> Fit:
@@ -223,13 +219,13 @@ class Judge(Criteria):
             left.gain.total * len(self.most),
             self.settings,
         )
-        known = verdict, best, self.given, self.nulls, tuple(rivals)
-        return Judgement(*known, left.gain, pushes, chances, unknown, tuple(imitators), self)
+        known = verdict, best, self.given, tuple(rivals), pushes, chances, unknown
+        return Judgement(*known, tuple(imitators), self)
 
     def _decide(self, best: Fit, tried: dict[str, Fit], alone: bool) -> Verdict:
         """Return the verdict on the best of what was tried; alone: nothing excluded imitates it."""
         members = best.hypothesis.members
-        over = [*self.nulls.values(), *([self.given] if members else [])]
+        over = [*self.nulls, *([self.given] if members else [])]
         low, high = best.hypothesis.bounded(self.settings.implausible)
         inside = (best.values > low) & (best.values < high)
         left = self.left(best)
