@@ -16,8 +16,8 @@ from scipy.stats import norm
 
 from sim2real.diagnosis.inference.candidates import FREE
 from sim2real.diagnosis.inference.fit import Fit, Fitter
-from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member, get_size
-from sim2real.diagnosis.inference.moves import are_compatible
+from sim2real.diagnosis.inference.hypotheses import Member, get_size
+from sim2real.diagnosis.inference.moves import are_compatible, join_members
 from sim2real.diagnosis.inference.replayer import Job
 from sim2real.diagnosis.inference.score import FOLDS
 
@@ -44,15 +44,10 @@ def compute_intervals(
     prior = list(settings.reach * fit.hypothesis.size)
     for other in (one for one in others if are_compatible(fit.hypothesis, one)):
         for place, size in enumerate(get_size(other)):
-            hypothesis = Hypothesis.of([*fit.hypothesis.members, other])
-            values = np.empty((FOLDS, len(hypothesis.low)))
-            column = hypothesis.columns[hypothesis.members.index(other)]
-            kept = np.ones(values.shape[1], bool)
-            kept[column] = False
             own = other.neutral.copy()
             own[place] += settings.difference * size
-            values[:, kept], values[:, column] = fit.values, np.clip(own, other.low, other.high)
-            jobs.append((hypothesis, values))
+            start = join_members(fit, (other,), np.clip(own, other.low, other.high)[None])
+            jobs.append((start.hypothesis, start.points[0]))
             sizes.append(settings.difference * size)
             prior.append(settings.reach * size)
     every, fold = fitter.replayer.every, fitter.fold

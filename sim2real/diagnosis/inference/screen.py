@@ -165,7 +165,8 @@ def pick_pairs(fitter: Fitter, base: Fit, lines: Sequence[Line], most: int) -> l
     slope, curve = _products(fitter, base, [line.change for line in lines])
     found = []
     for i, j in combinations(range(len(lines)), 2):
-        if not are_compatible(_only(base, lines[i].member), lines[j].member):
+        joined = Hypothesis.of([*base.hypothesis.members, lines[i].member])
+        if not are_compatible(joined, lines[j].member):
             continue
         own = np.ix_([i, j], [i, j])
         small = curve[own] + np.diag(TINY + fitter.settings.ridge * np.diag(curve[own]))
@@ -175,10 +176,6 @@ def pick_pairs(fitter: Fitter, base: Fit, lines: Sequence[Line], most: int) -> l
         found.append((float(gain), (i, j), scale))
     found.sort(key=lambda one: -one[0])
     return [join_lines(base, [lines[k] for k in pair], scale) for _, pair, scale in found[:most]]
-
-
-def _only(base: Fit, member: Member) -> Hypothesis:
-    return join_members(base, (member,), member.neutral[None]).hypothesis
 
 
 def join_lines(base: Fit, lines: Sequence[Line], scales: Sequence[float]) -> Start:
