@@ -49,7 +49,7 @@ class Glance(Quick):
     """What changes are screened with: some windows of each fold, in longer time steps.
 
     Half of them are those with most `left` to explain, (W,) nats, the others lie evenly over the
-    rest. What is unknown of all windows is `local` and `common`, see `Likelihood`.
+    rest. For `local` and `common`, of all windows, see `Likelihood`.
     """
 
     def __init__(

@@ -70,7 +70,7 @@ class Basis(NamedTuple):
 def decompose(times: np.ndarray, used: np.ndarray, correlations: Sequence[float]) -> Basis:
     """Return the basis in which a discrepancy of some correlation times [s], (T,), is diagonal.
 
-    Times of the rows are (W, N) [s], and so is which of them there are.
+    The times of the rows [s], and which of them there are, are (W, N).
     """
     gap = np.abs(times[:, :, None] - times[:, None, :])
     both = used[:, :, None] & used[:, None, :]

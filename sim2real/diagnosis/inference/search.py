@@ -44,8 +44,7 @@ from sim2real.diagnosis.inference.screen import (
 class Search:
     """Fits what may explain the gap; the judge says what wins.
 
-    `coarse` replays all windows in longer time steps. `local` is unknown of each of them, `common`
-    of all, see `Likelihood`.
+    `coarse` replays all windows in longer time steps; for `local` and `common` see `Likelihood`.
     """
 
     def __init__(
