@@ -33,6 +33,7 @@ from sim2real.runs.tables import Table
 log_ = logging.getLogger(__name__)
 MILLI = 1e-3
 SHOWN = 4  # logs in the picture
+WIDTH, HEIGHT = 4.2, 1.9  # of a panel [in]
 
 
 class Gap(NamedTuple):
@@ -138,8 +139,7 @@ def write(gaps: Sequence[Gap], out: Path) -> None:
 def draw(gaps: Sequence[Gap], path: Path) -> None:
     """Draw measured and simulated positions of each log's first episode, a row a joint."""
     rows = max(len(gap.joints) for gap in gaps)
-    size = (4.2 * len(gaps), 1.0 + 1.9 * rows)
-    with figure(path, rows, len(gaps), size) as (_, axes):
+    with figure(path, rows, len(gaps), (WIDTH * len(gaps), 1.0 + HEIGHT * rows)) as (_, axes):
         for column, gap in enumerate(gaps):
             first = gap.log.episode == gap.log.episode[0]
             for panel in axes[len(gap.joints) :, column]:

@@ -24,6 +24,7 @@ from sim2real.diagnosis.inference.log_change import LogChange
 
 Member = Candidate | LogChange
 Kind = Literal["robot", "log", "world"]
+LEAST = 1e-3  # size of a value that no probe changes, at least
 SHARES = (-0.2, -0.05, 0.05, 0.2)  # of an edge by which it is moved: coarse and fine steps
 WORLD = ("gravity_tilt", "gravity_compensation", "push", "ground_friction", "contact_stiffness")
 
@@ -44,7 +45,7 @@ def get_size(member: Member) -> np.ndarray:
     """Return the size of each value of a member at its largest probe, (P,)."""
     changes = np.where(member.neutral >= FREE, member.probes, member.probes - member.neutral)
     size = np.abs(changes).max(axis=0)
-    return np.where(size > 0, size, np.maximum(np.abs(member.probes).max(axis=0), 1e-3))
+    return np.where(size > 0, size, np.maximum(np.abs(member.probes).max(axis=0), LEAST))
 
 
 def _bounds_of(member: Member, reach: float) -> tuple[np.ndarray, np.ndarray]:

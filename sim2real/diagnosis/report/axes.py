@@ -18,6 +18,7 @@ from sim2real.diagnosis.settings import TINY
 
 EVEN = 0.401  # of an axis about 0: the least step that puts one number on either side
 ROUND = (1, 2, 5, 10)  # steps between numbers, of a power of ten
+DENSE = ROUND[:3]  # numbers in each power of ten of a short logarithmic axis
 FAR = 10.0  # ratio of the largest to the smallest value from which an axis is logarithmic
 SPARE = 1.05  # length of an axis, of the largest value on it
 BELOW = 0.6  # where a logarithmic axis starts, of the smallest value on it
@@ -71,7 +72,7 @@ class Log(Axis):
     def _numbers(self, count: int) -> Iterator[tuple[float, str]]:
         """Yield powers of ten, and 2 and 5 times these where that makes about so many numbers."""
         first, last = math.log10(self.low), math.log10(self.high)
-        steps = ROUND[:3] if 3 * (last - first) <= 2 * count else ROUND[:1]
+        steps = DENSE if len(DENSE) * (last - first) <= 2 * count else ROUND[:1]
         for power in range(math.floor(first), math.ceil(last) + 1):
             for value in (step * 10.0**power for step in steps):
                 if self.low <= value <= self.high:

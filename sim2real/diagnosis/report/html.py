@@ -127,7 +127,7 @@ def _ladder(report: Report) -> dict[str, Any] | None:
     rungs, gap = report.evidence.ladder, report.gap
     if not rungs:
         return None
-    kinds = ["before", *["step"] * (len(rungs) - 3), "after"][: len(rungs) - 1]
+    kinds = ["before", *["step" for _ in rungs[1:-2]], "after"][: len(rungs) - 1]
     sizes = [size for rung in rungs for size in (rung.gap, *rung.ci)]
     factor, unit = text.scaling(gap.unit, gap.before)
     scale = axes.scale_for(sizes, gap.noise_floor, factor)
