@@ -21,13 +21,13 @@ from sim2real.runs.tables import Table
 # real logs.
 EXAMS = {
     "Since release 0.2.0": (
-        tuple(f"blindcheck_{seed}.csv" for seed in range(2057, 2070)),
+        tuple(f"blindcheck_{seed}.csv" for seed in range(2057, 2071)),
         tuple(f"thirdparty_{seed}.csv" for seed in range(61, 74)),
         (
             "log_mistakes.csv",
             *(f"log_mistakes_{seed}.csv" for seed in (2062, 2064, 2065, 2066, 2067)),
         ),
-        tuple(f"blindcheck_real_{seed}.csv" for seed in (9, 10)),
+        tuple(f"blindcheck_real_{seed}.csv" for seed in (9, 10, 13)),
     ),
     "Release 0.2.0 and versions before it": (
         tuple(f"blindcheck_{seed}.csv" for seed in (2049, 2051, 2053, 2054, 2055, 2056)),
