@@ -41,7 +41,7 @@ class AboutPose(ServoTask):
 
 
 class Bower(AboutPose, Quad8):
-    """Quad8 that crouches and leans as it is told, with legged_gym's observation (32,).
+    """Quad8 that crouches and leans as commanded, with legged_gym's observation (32,).
 
     Scaled terms, gravity, a default pose, a command of two numbers. Reward: -(mean |error|) dt.
     """

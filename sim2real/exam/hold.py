@@ -122,8 +122,8 @@ class Examiner(ABC):
             text.append(f"## {head}\n\n{table.markdown()}")
             write_text(folder / f"{name}.csv", table.csv())
         if dropped := sorted((folder / KEYS).glob(f"*/{DROPPED}")):
-            told = [f"* {f.parent.name}: {f.read_text(encoding='utf-8')}" for f in dropped]
-            text.append(f"## Not drawn\n\n{''.join(told)}")
+            lines = [f"* {f.parent.name}: {f.read_text(encoding='utf-8')}" for f in dropped]
+            text.append(f"## Not drawn\n\n{''.join(lines)}")
         write_text(folder / "table.md", "\n".join(text))
         write_text(folder / "cases.csv", score.cases(marks).csv())
         _, first = next(iter(tables.values()))

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from sim2real.diagnosis.settings.base import COST, setting
+from sim2real.diagnosis.settings.base import COST, JUDGED, setting
 
 
 @dataclass(frozen=True)
@@ -14,7 +14,9 @@ class Settings:
         "width of the prior, relative to the interval in a report",
         "convention: design, section 10",
     )
-    held_every: int = setting(4, "number of episodes (or stretches), of which one is held out")
+    held_every: int = setting(
+        4, "number of episodes (or stretches), of which one is held out", JUDGED
+    )
     held_episodes: int = setting(
         4,
         "smallest number of episodes for which whole episodes are held out",
@@ -36,14 +38,18 @@ class Settings:
     )
     rounds: int = setting(4, "largest number of Gauss-Newton steps", COST)
     dampings: tuple[float, ...] = setting(
-        (0.0, 0.1, 1.0), "dampings tried in each step, relative to the diagonal of the curvature"
+        (0.0, 0.1, 1.0),
+        "dampings tried in each step, relative to the diagonal of the curvature",
+        JUDGED,
     )
-    longest_step: float = setting(1.0, "longest step, in standard deviations of the prior")
+    longest_step: float = setting(1.0, "longest step, in standard deviations of the prior", JUDGED)
     known: float = setting(
-        0.5, "relative reduction of the prior's standard deviation that identifies a direction"
+        0.5,
+        "relative reduction of the prior's standard deviation that identifies a direction",
+        JUDGED,
     )
     weight: float = setting(
-        0.2, "smallest weight of a parameter named in an unidentified direction"
+        0.2, "smallest weight of a parameter named in an unidentified direction", JUDGED
     )
     doubt: float = setting(
         0.8,
@@ -69,10 +75,11 @@ class Settings:
         0.02,
         "largest reported distance of a mean from a bound of its prior, relative to the "
         "prior's width",
+        JUDGED,
     )
     step_rows: int = setting(4096, "number of transitions simulated in one batch", COST)
     uneven: float = setting(
-        0.01, "largest deviation of a row interval from the median, relative to it"
+        0.01, "largest deviation of a row interval from the median, relative to it", JUDGED
     )
 
 

@@ -36,7 +36,9 @@ from sim2real.runs.files import write_text
 from sim2real.runs.tables import Table
 
 log_ = logging.getLogger(__name__)
-End = Literal["one_left", "not_parted", "log_or_robot", "no_gap", "unexplained", "budget"]
+End = Literal[
+    "one_left", "not_parted", "log_or_robot", "push_or_robot", "no_gap", "unexplained", "budget"
+]
 Record = Callable[[Item, Path], Log]
 SHORTEST = min(LENGTHS) * DEFAULT.experiment.motion_s  # s, of a designed motion
 DESIGN = 1  # stream of randomness: drawn motions
@@ -45,6 +47,8 @@ WORDS: dict[End, str] = {
     "not_parted": "no motion of this robot that was looked at can part what is left",
     "log_or_robot": "several explanations are left, some with a mistake in the log, which no "
     "motion can show: check how the log is written",
+    "push_or_robot": "a push explains a moment as well as an effect does: record the same motion "
+    "again, with nobody near the robot",
     "no_gap": "the model follows the robot: there is nothing to explain",
     "unexplained": "nothing in the vocabulary explains the gap: there is nothing to part",
     "budget": "the budget is spent, and several explanations are left",
@@ -186,8 +190,8 @@ def _end(report: Report, plan: Experiment | str | None) -> End | None:
         return "budget"
     if report.verdict == "no_gap":
         return "no_gap"
-    if any(cause.equivalent for cause in report.causes):
-        return "log_or_robot"  # mistakes in a log cannot be played in a motion
+    if alike := [cause for cause in report.causes if cause.equivalent]:  # no motion parts these
+        return "push_or_robot" if alike[0].effect == "push" else "log_or_robot"
     return "one_left" if report.causes else "unexplained"
 
 

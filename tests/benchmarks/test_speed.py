@@ -260,5 +260,5 @@ def test_dead_grandchildren_of_a_living_child_are_own_work() -> None:
         assert process.stdout.readline().strip() == b"done"
         now = load._read()
         process.communicate(b"")
-    tick = 1 / os.sysconf("SC_CLK_TCK")  # user and system are told in whole ticks
+    tick = 1 / os.sysconf("SC_CLK_TCK")  # user and system come in whole ticks
     assert now[2] - load._start[2] >= 0.5 - 4 * tick  # s of CPU time

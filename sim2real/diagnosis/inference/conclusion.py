@@ -22,6 +22,7 @@ from sim2real.diagnosis.inference.hypotheses import Member, get_effect, get_kind
 from sim2real.diagnosis.inference.intervals import compute_intervals
 from sim2real.diagnosis.inference.judge import Judgement
 from sim2real.diagnosis.inference.log_change import LogChange
+from sim2real.diagnosis.inference.moves import is_part
 from sim2real.diagnosis.inference.pushes import PART, Pushed
 from sim2real.diagnosis.inference.remainder import describe_remainder
 from sim2real.diagnosis.schema import Cause, Equivalent, GapMetrics, JointGap, Report, Unexplained
@@ -149,6 +150,7 @@ def _push(judgement: Judgement, push: Pushed) -> Cause:
     data = judgement.judge.data
     joint = next(joint for joint in data.joints if joint.name == push.joint)
     value, settings = push.torque, judgement.judge.settings
+    instead = dict.fromkeys(_list_instead(judgement, push))
     return Cause(
         "push",
         push.joint,
@@ -159,7 +161,7 @@ def _push(judgement: Judgement, push: Pushed) -> Cause:
         {"episode": push.episode},
         1 - settings.level,
         0.0,
-        equivalent=tuple(dict.fromkeys(_list_instead(judgement, push))),
+        equivalent=tuple(instead)[: settings.equivalents_max - 1],
         kind="world",
         seconds=push.seconds,
     )
@@ -176,7 +178,7 @@ def _list_instead(judgement: Judgement, push: Pushed) -> Iterator[Equivalent]:
     kept = {member.label for member in best.hypothesis.members}
     for rival in judgement.rivals:
         added = [member for member in rival.hypothesis.members if member.label not in kept]
-        one_more = len(rival.hypothesis.members) == len(kept) + 1 == len(kept) + len(added)
+        one_more = is_part(best.hypothesis, rival.hypothesis) and len(added) == 1
         if one_more and judge.excess(rival.own)[push.window].sum() <= most:
             yield Equivalent(added[0].name, added[0].place, kind=get_kind(added[0]))
 

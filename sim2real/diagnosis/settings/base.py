@@ -2,7 +2,7 @@
 
     @dataclass(frozen=True)
     class Lag:
-        window_s: float = setting(3.0, "length of a window")
+        window_s: float = setting(3.0, "length of a window", JUDGED)
 
     for row in rows(Settings()): row.stage, row.name, row.value, row.unit, row.meaning, row.origin
 
@@ -42,7 +42,7 @@ class Row(NamedTuple):
     origin: str
 
 
-def setting(default: Any, meaning: str, origin: str = JUDGED, *, unit: str | None = None) -> Any:
+def setting(default: Any, meaning: str, origin: str, *, unit: str | None = None) -> Any:
     """Return a field of a settings class.
 
     Args:

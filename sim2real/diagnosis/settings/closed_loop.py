@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from sim2real.diagnosis.settings.base import COST, setting
+from sim2real.diagnosis.settings.base import COST, JUDGED, setting
 
 
 @dataclass(frozen=True)
@@ -10,7 +10,7 @@ class ClosedLoopSettings:
     """The comparison of robot and simulators while the policy acts."""
 
     episodes: int = setting(32, "number of episodes in each simulator", COST)
-    rows: int = setting(4, "number of consecutive rows in a sample")
+    rows: int = setting(4, "number of consecutive rows in a sample", JUDGED)
     samples: int = setting(40, "largest number of samples from an episode", COST)
     negligible: float = setting(
         0.05,

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from sim2real.diagnosis.settings.base import setting
+from sim2real.diagnosis.settings.base import JUDGED, setting
 
 WATCHED = (
     *("coulomb_friction", "viscous_friction", "backlash", "joint_compliance"),
@@ -19,6 +19,7 @@ class Compared:
     watched: tuple[str, ...] = setting(
         WATCHED,
         "effects that are tested: wear, play, supply, zeros, load, mounting",
+        JUDGED,
         unit="",
     )
     alpha: float = setting(
@@ -28,7 +29,7 @@ class Compared:
         "chance, which must fit into 0.05 too",
     )
     same_rows: float = setting(
-        0.9, "fraction of rows with equal commands above which logs show the same motion"
+        0.9, "fraction of rows with equal commands above which logs show the same motion", JUDGED
     )
     apart: float = setting(
         0.05,
@@ -54,10 +55,12 @@ class Compared:
         unit="1/K",
     )
     unknown_warmer: float = setting(
-        10.0, "temperature difference assumed if temperatures are not logged", unit="K"
+        10.0, "temperature difference assumed if temperatures are not logged", JUDGED, unit="K"
     )
     same_voltage: float = setting(
-        0.03, "smallest relative difference of median voltages that counts as a changed supply"
+        0.03,
+        "smallest relative difference of median voltages that counts as a changed supply",
+        JUDGED,
     )
 
     @property

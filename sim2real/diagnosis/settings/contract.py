@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from sim2real.diagnosis.settings.base import COST, setting
+from sim2real.diagnosis.settings.base import COST, JUDGED, setting
 
 RESAMPLES = 10  # of each block
 ODDS = 20.0  # between faults that are alternatives
@@ -14,22 +14,24 @@ class Contract:
     """When `contract` names a fault; a misfit is a number's RMS error, relative to its spread."""
 
     suspect: float = setting(
-        5e-3, "misfit below which numbers agree, and fits count as equally good"
+        5e-3, "misfit below which numbers agree, and fits count as equally good", JUDGED
     )
     unexplained: float = setting(
-        0.05, "remaining misfit above which a term is reported as unexplained"
+        0.05, "remaining misfit above which a term is reported as unexplained", JUDGED
     )
     margin: float = setting(
-        0.5, "a fault is named only if it reduces the misfit to at most this fraction"
+        0.5, "a fault is named only if it reduces the misfit to at most this fraction", JUDGED
     )
     still: float = setting(
-        0.01, "standard deviation below which a number is constant, before scaling"
+        0.01, "standard deviation below which a number is constant, before scaling", JUDGED
     )
     ages_max: int = setting(
         4, "largest age of an observation or action that is tried, in control steps", COST
     )
     rows_min: int = setting(
-        20, "smallest number of rows; a log of any length counts as so many independent ones"
+        20,
+        "smallest number of rows; a log of any length counts as so many independent ones",
+        JUDGED,
     )
 
     @property

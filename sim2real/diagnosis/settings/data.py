@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from sim2real.diagnosis.settings.base import COST, DEVELOPED, setting
+from sim2real.diagnosis.settings.base import COST, DEVELOPED, JUDGED, setting
 
 
 @dataclass(frozen=True)
@@ -10,7 +10,7 @@ class NoiseFloor:
     """The noise floor: resolution of the encoders, and scatter of repeated motions."""
 
     whole_error: float = setting(
-        0.02, "largest deviation of a step from a whole number of encoder counts"
+        0.02, "largest deviation of a step from a whole number of encoder counts", JUDGED
     )
     slow_share: float = setting(
         0.3, "slowest fraction of rows, which tells the noise of a reading", DEVELOPED
@@ -48,6 +48,7 @@ class Windows:
         0.1,
         "smallest reversal that counts, relative to the range of motion, or to the swings of a "
         "joint whose servo hunts",
+        JUDGED,
     )
     kick_s: float = setting(
         0.3,
@@ -59,7 +60,7 @@ class Windows:
         DEVELOPED,
     )
     reach: float = setting(
-        0.25, "largest shift of a window's start to a calm moment, relative to the window"
+        0.25, "largest shift of a window's start to a calm moment, relative to the window", JUDGED
     )
 
     @property
@@ -73,7 +74,7 @@ class Simulation:
     """How windows and pieces of logs are simulated."""
 
     error_max: float = setting(
-        10.0, "limit to which errors are clipped, relative to the joint's spread"
+        10.0, "limit to which errors are clipped, relative to the joint's spread", JUDGED
     )
     piece_s: float = setting(
         5.0, "length of the pieces of a log that are replayed to test the model", COST
@@ -87,10 +88,10 @@ class Simulation:
 class Regimes:
     """The regimes of motion in which an error may occur, such as reversals or high load."""
 
-    rest_speed: float = setting(0.05, "speed below which a joint is at rest", unit="rad/s")
-    smoothing_s: float = setting(0.06, "width of the moving average of speeds")
+    rest_speed: float = setting(0.05, "speed below which a joint is at rest", JUDGED, unit="rad/s")
+    smoothing_s: float = setting(0.06, "width of the moving average of speeds", JUDGED)
     goal_error: float = setting(
-        0.01, "position error below which a joint is at its goal", unit="rad"
+        0.01, "position error below which a joint is at its goal", JUDGED, unit="rad"
     )
 
 

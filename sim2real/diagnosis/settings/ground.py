@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from sim2real.diagnosis.settings.base import COST, setting
+from sim2real.diagnosis.settings.base import COST, JUDGED, setting
 
 GAIT = "set by hand on walks of an emulated quad8 (benchmarks/ground.py, seed 1); not studied"
 
@@ -39,36 +39,46 @@ class Ground:
         2.0,
         "standard deviation of the base's acceleration from its accelerometer's reading, or from "
         "free fall in flight",
+        JUDGED,
     )
-    upright_s: float = setting(1.0, "averaging time of the accelerometer, whose mean points up")
+    upright_s: float = setting(
+        1.0, "averaging time of the accelerometer, whose mean points up", JUDGED
+    )
     speed_doubt: float = setting(
         0.05,
         "standard deviation of the base's angular velocity from an IMU; where a speed is a slope "
         "of positions, its RMS change between rows is added",
+        JUDGED,
         unit="rad/s",
     )
     window_s: float = setting(0.3, "length of a window that starts from an estimated base", GAIT)
     error_rad: float = setting(
-        0.002, "standard deviation of a measured position and of the base's orientation from an IMU"
+        0.002,
+        "standard deviation of a measured position and of the base's orientation from an IMU",
+        JUDGED,
     )
     told_rad: float = setting(
         0.02,
         "smallest reported tilt of the ground, error of a gyro [rad/s] and orientation error of a "
         "pushed window; standard deviation of an orientation without an IMU",
+        JUDGED,
     )
     told_share: float = setting(
         0.1,
         "smallest reported error of a gyro, relative to its motion, fraction of slipping contact, "
         "and gain of the feet's evenness by a tilt of the ground; largest fraction of windows that "
         "may count as pushed, and of rows in which a resting robot may lean out",
+        JUDGED,
     )
     grips: tuple[float, float] = setting(
-        (0.7, 1.5), "friction coefficients of the feet that are tried, relative to the model"
+        (0.7, 1.5),
+        "friction coefficients of the feet that are tried, relative to the model",
+        JUDGED,
     )
-    tilt_most: float = setting(0.15, "largest tilt of the ground that is tried", unit="rad")
+    tilt_most: float = setting(0.15, "largest tilt of the ground that is tried", JUDGED, unit="rad")
     lean_rad_s: float = setting(
-        0.3, "standard deviation and largest RMS of a resting base's angular velocity"
+        0.3, "standard deviation and largest RMS of a resting base's angular velocity", JUDGED
     )
     push_times: float = setting(
-        8.0, "smallest orientation error of a pushed window, relative to the median"
+        8.0, "smallest orientation error of a pushed window, relative to the median", JUDGED
     )

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from sim2real.diagnosis.settings.base import COST, DEVELOPED, ROUNDING, setting
+from sim2real.diagnosis.settings.base import COST, DEVELOPED, JUDGED, ROUNDING, setting
 
 GRID = "derived: the grid spans what a window resolves, from a few rows to its length"
 
@@ -13,7 +13,7 @@ class Inference:
 
     rows_max: int = setting(64, "largest number of rows of a window that are compared", COST)
     negligible: float = setting(
-        5e-4, "smallest assumed noise of a reading, relative to the joint's spread"
+        5e-4, "smallest assumed noise of a reading, relative to the joint's spread", JUDGED
     )
     correlations_s: tuple[float, ...] = setting(
         (0.03, 0.2, 1.2), "correlation times of the discrepancy that are tried", GRID
@@ -62,11 +62,12 @@ class Inference:
         0.5, "gain [nats] below which a Gauss-Newton step fails; two in a row end a fit", COST
     )
     reach: float = setting(
-        5.0, "standard deviation of a value's prior, relative to its largest probe"
+        5.0, "standard deviation of a value's prior, relative to its largest probe", JUDGED
     )
     implausible: float = setting(
         20.0,
         "multiple of the largest probe beyond which a value is implausible and explains nothing",
+        JUDGED,
     )
     ridge: float = setting(
         1e-9, "term added to a curvature matrix, relative to its diagonal", ROUNDING
@@ -122,6 +123,7 @@ class Inference:
         0.15,
         "largest gain, in nats per reading, of a free discrepancy over a discrepancy of at most "
         "one encoder count, overall and at every joint, if the gap is explained",
+        JUDGED,
     )
     most: float = setting(
         0.5,
@@ -133,11 +135,13 @@ class Inference:
         0.1,
         "fraction of the windows, those with the largest residuals, that may stay "
         "unexplained (contacts, hunting servos)",
+        JUDGED,
     )
     temperature: float = setting(
         0.03,
         "nats per row that change the odds of two explanations by a factor of e (rows are "
         "not independent evidence)",
+        JUDGED,
     )
     unlisted: float = setting(
         0.08,
@@ -158,9 +162,9 @@ class Inference:
 class Cogging:
     """The search for torque ripples in the error of a joint."""
 
-    count_max: float = setting(150.0, "largest number of ripples per turn")
+    count_max: float = setting(150.0, "largest number of ripples per turn", JUDGED)
     finest: float = setting(
-        4.0, "number of trials per smallest resolvable difference in ripples per turn"
+        4.0, "number of trials per smallest resolvable difference in ripples per turn", JUDGED
     )
     counts_probed: int = setting(3, "number of best-fitting candidates that are simulated", COST)
     sizes: tuple[float, ...] = setting(
@@ -176,8 +180,11 @@ class Locating:
     lift: float = setting(
         1.2,
         "smallest reported ratio of a regime's fraction of the error to its fraction of the time",
+        JUDGED,
     )
-    share_min: float = setting(0.2, "smallest reported fraction of the error in a regime")
+    share_min: float = setting(0.2, "smallest reported fraction of the error in a regime", JUDGED)
     edges_hz: tuple[float, ...] = setting(
-        (0.0, 0.5, 2.0, 5.0, 15.0), "edges of the frequency bands in which errors are reported"
+        (0.0, 0.5, 2.0, 5.0, 15.0),
+        "edges of the frequency bands in which errors are reported",
+        JUDGED,
     )

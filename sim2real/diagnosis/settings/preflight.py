@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from sim2real.diagnosis.settings.base import DEVELOPED, setting
+from sim2real.diagnosis.settings.base import DEVELOPED, JUDGED, setting
 
 THOUSAND = "derived: rows this far apart point to milliseconds, not seconds"
 
@@ -15,6 +15,7 @@ class Preflight:
         0.25,
         "relative deviation from the median row interval that 5 % of the intervals may exceed; one "
         "longer than two intervals by more than that is a gap",
+        JUDGED,
     )
     row_s: tuple[float, float] = setting(
         (1e-4, 0.5), "range of the median row interval; else `time` is not in s", THOUSAND
@@ -23,15 +24,18 @@ class Preflight:
         100.0, "longest episode, relative to its rows times the median interval", THOUSAND
     )
     rate_error: float = setting(
-        0.1, "largest relative difference between stated rate and time stamps"
+        0.1, "largest relative difference between stated rate and time stamps", JUDGED
     )
     unreported: float = setting(
         0.005,
         "largest unreported fraction of lost readings, and of commands outside ctrlrange; also the "
         "tolerance at its ends, relative to its width",
+        JUDGED,
     )
-    counts: float = setting(3.0, "smallest change of position that is a motion, in encoder counts")
-    count_min: float = setting(1e-4, "smallest encoder count that is assumed", unit="rad")
+    counts: float = setting(
+        3.0, "smallest change of position that is a motion, in encoder counts", JUDGED
+    )
+    count_min: float = setting(1e-4, "smallest encoder count that is assumed", JUDGED, unit="rad")
     moved: float = setting(
         0.02, "range above which a command, or an unlogged joint, is moving", DEVELOPED, unit="rad"
     )
@@ -43,24 +47,31 @@ class Preflight:
         unit="rad",
     )
     still: tuple[float, float] = setting(
-        (0.05, 0.005), "motion below which a hinge, or slide, is not diagnosed", unit="rad, m"
+        (0.05, 0.005),
+        "motion below which a hinge, or slide, is not diagnosed",
+        JUDGED,
+        unit="rad, m",
     )
-    reversals_min: int = setting(4, "reversals needed to distinguish friction, play and dead zones")
-    rows_min: int = setting(20, "smallest number of rows from which anything is estimated")
-    sigmas: float = setting(4.0, "standard errors above which a deviation is significant")
-    reach_s: float = setting(0.25, "largest delay that is tried")
+    reversals_min: int = setting(
+        4, "reversals needed to distinguish friction, play and dead zones", JUDGED
+    )
+    rows_min: int = setting(20, "smallest number of rows from which anything is estimated", JUDGED)
+    sigmas: float = setting(4.0, "standard errors above which a deviation is significant", JUDGED)
+    reach_s: float = setting(0.25, "largest delay that is tried", JUDGED)
     ratio: tuple[float, float] = setting(
-        (0.85, 1.18), "two gains, speeds or errors agree if their ratio is within"
+        (0.85, 1.18), "two gains, speeds or errors agree if their ratio is within", JUDGED
     )
     share: float = setting(
         0.8,
         "smallest fraction of the variance that a fitted relation, or a replay, must explain; "
         "smallest correlation of measured and simulated speed from which a lag is inferred",
+        JUDGED,
     )
     follows: float = setting(
         0.8,
         "similarity (1 − standard deviation of position minus command, relative to that of "
         "the position) above which commands are positions; below it they may be torques",
+        JUDGED,
     )
     clock: float = setting(
         0.05,
@@ -78,6 +89,7 @@ class Preflight:
         3e-3,
         "largest fraction of a torque's standard deviation that a control law leaves "
         "unexplained if the torque was computed, not measured",
+        JUDGED,
     )
     law_residual: float = setting(
         0.03, "largest fraction of the duty's variance that is left unexplained", DEVELOPED
@@ -110,7 +122,7 @@ class Hunting:
     """When a servo loop hunts: its joint oscillates while its command does not."""
 
     swing: float = setting(
-        0.005, "smallest swing; at least a motion in encoder counts", unit="rad or m"
+        0.005, "smallest swing; at least a motion in encoder counts", JUDGED, unit="rad or m"
     )
     swings: int = setting(
         8,

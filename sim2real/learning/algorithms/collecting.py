@@ -114,8 +114,8 @@ class ResumableCollector:
     def _start_anew(self) -> None:
         """Begin an episode in every row, from other seeds than those before the checkpoint."""
         self.returns.restart()
-        told = np.random.SeedSequence([self.env.seed, self._collector._frames])
-        self._collector.set_seed(int(told.generate_state(1)[0]) % 2**31)
+        seeds = np.random.SeedSequence([self.env.seed, self._collector._frames])
+        self._collector.set_seed(int(seeds.generate_state(1)[0]) % 2**31)
         self._collector.reset()
         log.warning(
             "%s in %s cannot resume its episodes; the resumed run starts new ones",

@@ -85,7 +85,7 @@ def test_the_counter_sees_what_it_should() -> None:
 LIMIT = 0.3
 other = 4.0
 class A:
-    x: float = setting(7.0, "a", unit="s")
+    x: float = setting(7.0, "a", "b", unit="s")
     y = 8.0
 def f(x, y=3.0):
     z = 0.5 * x[2] ** 2 + x[3:] + 1

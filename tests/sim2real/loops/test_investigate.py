@@ -114,18 +114,25 @@ def test_two_that_are_one_do_not_end_it(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 @pytest.mark.slow
-def test_a_mistake_in_the_log_cannot_be_parted_by_a_motion(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("effect", "other", "end"),
+    [
+        ("encoder_offset", Equivalent("offset", "hinge", True, "log"), "log_or_robot"),
+        ("push", Equivalent("torque_limit", "hinge"), "push_or_robot"),
+    ],
+)
+def test_what_no_motion_can_part_is_not_the_one_that_is_left(
+    effect: str, other: Equivalent, end: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Readings off by a constant look like a shifted encoder: neither is the one that is left."""
-    cause = replace(CAUSE, equivalent=(Equivalent("offset", "hinge", True, "log"),))
+    """Readings off by a constant look like a shifted encoder; one moment may be a push, or not."""
+    cause = replace(CAUSE, effect=effect, equivalent=(other,))
     answer = ANSWER._replace(report=replace(REPORT, causes=(cause,)))
     monkeypatch.setattr("sim2real.loops.investigate.run_diagnosis", lambda *_, **__: answer)
     monkeypatch.setattr("sim2real.loops.investigate.write", lambda *_: None)
     record = recorder(hide(tmp_path, "- {effect: viscous_friction, where: hinge, value: 0.03}\n"))
     limits = SearchBudget(7.0)
     found = investigate(load_robot("bench1"), record, limits, FIRST, seed=0, out=tmp_path)
-    assert found.end == "log_or_robot" and found.seconds == 4.0
+    assert found.end == end and found.seconds == 4.0
 
 
 @pytest.mark.slow
