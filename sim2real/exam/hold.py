@@ -102,10 +102,10 @@ class Examiner(ABC):
         """
         names, cases = opened(folder, drawn)
         marks = [self.mark(folder, name) for name in names]
-        self._write(folder, marks, seed, cases)
+        self._write_report(folder, marks, seed, cases)
         return marks
 
-    def _write(self, folder: Path, marks: Sequence[Any], seed: int, cases: int) -> None:
+    def _write_report(self, folder: Path, marks: Sequence[Any], seed: int, cases: int) -> None:
         """Write table.md with every table, each as CSV, cases.csv, and score.json with figures."""
         tables = self.summarize(marks, seed, folder / "plots")
         files = [folder / ANSWERS / one.case / VERSION for one in marks]
