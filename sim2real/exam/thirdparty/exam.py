@@ -26,6 +26,7 @@ from sim2real.exam.measure import apart
 from sim2real.exam.refit import RIVAL_FLOORS
 from sim2real.exam.score import calibration, failures
 from sim2real.exam.thirdparty import tables
+from sim2real.exam.thirdparty.deviations import list_deviations
 from sim2real.exam.thirdparty.engines import EngineName, check_engine
 from sim2real.exam.thirdparty.kinds import KINDS, Kind, draws
 from sim2real.exam.thirdparty.make import Made, make
@@ -173,6 +174,7 @@ def _about(outline: Outline, made: Made) -> dict[str, Any]:
         "robot": outline.robot,
         "seed": outline.seed,
         "truths": list(made.truths),
+        "deviations": list_deviations(made.rig, made.bare),
         "gap": made.gap,
         "floor": made.floor,
         "background": made.background,

@@ -10,11 +10,12 @@ Rules, in addition to those of `sim2real.exam.score`:
   explained, and so does a diagnosis that failed.
 * A law outside the vocabulary must not be `explained`, and most of the gap must be put at its
   joint. A loose mount has no joint; its place is not asked.
-* Where only the nominal model is off, a single cause with a confidence of 0.8 or more is wrong.
+* Where only the nominal model is off, a single cause with a confidence of 0.8 or more is too sure.
+  The first cause is right if that number is off in its direction and about as far.
 * A robot-wide effect is right at rank 1 if it is named as one for the robot: its place is none, or
   the report calls it shared.
-* The confidence of a first cause is held against whether that cause is right; where none can be
-  right (outside laws, a nominal model that is off), it is wrong.
+* The confidence of a first cause is held against whether that cause is right; of an outside law
+  none is.
 """
 
 from collections.abc import Mapping
@@ -22,6 +23,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sim2real.exam.score import CaseMark, Named, Places, describe, members_of, value_of, words
+from sim2real.exam.thirdparty.deviations import names_deviation
 
 SURE = 0.8  # confidence from which a cause that is none counts as wrong
 
@@ -58,7 +60,7 @@ def mark(
         "closed": closed,
     }
     if key["kind"] == "off_nominal":
-        return _off(common, report)
+        return _off(common, key, report)
     if key["kind"] == "outside":
         return _outside(common, key, report)
     return _inside(common, key, report)
@@ -80,13 +82,13 @@ def _first(causes: list[Mapping[str, Any]], right: bool) -> dict[str, Any]:
     return {"confidence": causes[0]["confidence"], "right": right}
 
 
-def _off(common: dict[str, Any], report: Mapping[str, Any] | None) -> Mark:
-    causes = _causes(report)
+def _off(common: dict[str, Any], key: Mapping[str, Any], report: Mapping[str, Any] | None) -> Mark:
+    causes, places = _causes(report), Places(key["joints"], key["bodies"])
+    true = [names_deviation(cause, places, key["deviations"]) for cause in causes]
     sure = len(causes) == 1 and causes[0]["confidence"] >= SURE
     reason = "a single cause with high confidence" if sure else "" if report else "failed"
-    return Mark(
-        **common, **_first(causes, False), sure=sure, superfluous=len(causes), reason=reason
-    )
+    marks = {"rank1": true[0], **_first(causes, true[0])} if causes else {}
+    return Mark(**common, **marks, sure=sure, superfluous=true.count(False), reason=reason)
 
 
 def _outside(

@@ -1,5 +1,6 @@
 """Marks of the exam on other engines: each kind's rule, and the tables."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,8 @@ def key(kind: str, *truths: dict[str, Any]) -> dict[str, Any]:
     full = [{**plain, "where": t["joint"], **t} for t in truths]
     about = {"name": "case_000", "kind": kind, "robot": "arm3", "gap": 0.01, "floor": 0.001}
     bodies = {"upper": "shoulder", "forearm": "elbow"}
-    return about | {"background": 0.0, "truths": full, "joints": JOINTS, "bodies": bodies}
+    about |= {"background": 0.0, "truths": full, "joints": JOINTS, "bodies": bodies}
+    return about | {"deviations": [{**FRICTION, "value": 0.3}]}
 
 
 def report(verdict: str, *causes: dict[str, Any], top: str = "elbow") -> dict[str, Any]:
@@ -79,6 +81,18 @@ def test_where_only_the_model_is_off_nobody_may_be_sure() -> None:
         )
     ]
     assert sure == [True, False, False, False, False]
+
+
+def test_where_the_model_is_off_what_is_named_may_be_true() -> None:
+    """The number is off in that direction and about as far: else it is superfluous."""
+    report_of = partial(report, "explained")
+    true, far, wrong = (
+        mark(key("off_nominal"), report_of({**FOUND, "value": value})) for value in (0.4, 0.7, -0.3)
+    )
+    assert (true.rank1, true.right, true.superfluous) == (True, True, 0)
+    assert (far.rank1, far.right, far.superfluous) == (False, False, 1)
+    assert (wrong.rank1, wrong.right, wrong.superfluous) == (False, False, 1)
+    assert mark(key("off_nominal"), report("no_gap")).rank1 is None
 
 
 def test_robot_wide_is_asked_for_as_such() -> None:
