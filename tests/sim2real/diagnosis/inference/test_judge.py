@@ -23,6 +23,7 @@ from tests.sim2real.diagnosis import arm
 NOISE = 3e-4
 FRICTION = ("coulomb_friction", {"where": "b"}, 0.12)
 LATE = ("command_delay", {}, 0.03)
+BOTH = ("ctrl", "qpos", "ctrl.qpos")
 PROPOSED = ("coulomb_friction.a", "coulomb_friction.b", "viscous_friction.b", "position_gain.b")
 
 
@@ -110,9 +111,9 @@ def test_a_late_row_is_named_with_and_without_an_effect_beside(
 def test_degrees_in_one_column_are_named_for_what_they_are(tmp_path: Path) -> None:
     """Judged by unknowns of its own: windows that start at 30 rad would speak against it."""
     log = arm.make_log(noise=NOISE)
-    log = with_columns(log, qpos_b=np.degrees(log.columns["qpos.b"]))
-    data = arm.data_of(log, tmp_path)
-    judgement = Judge(data).judge(Vocabulary(data))
+    data = arm.data_of(with_columns(log, qpos_b=np.degrees(log.columns["qpos.b"])), tmp_path)
+    only = [f"log.{kind}.{columns}.b" for kind in ("unit", "scale") for columns in BOTH]
+    judgement = Judge(data).judge(Vocabulary(data, only=[*PROPOSED, *only, "log.turn.qpos.b"]))
     assert judgement.verdict == "explained"
     assert judgement.best.label == "log.unit.qpos.b"
 

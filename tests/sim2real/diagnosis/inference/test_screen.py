@@ -167,7 +167,7 @@ def test_a_whole_turn_comes_nearest_to_the_log_whatever_a_line_promises(tmp_path
     log = arm.make_log(noise=NOISE)
     turned = log.columns["qpos.b"] + 2 * np.pi
     data = arm.data_of(Log({**log.columns, "qpos.b": turned}), tmp_path)
-    judge, vocabulary = Judge(data), Vocabulary(data)
+    judge, vocabulary = Judge(data), Vocabulary(data, robot=False)
     starts = vocabulary.list_starts(judge.replay_errors(judge.given), "ab")
     (base,) = judge.search.glance.fit([restart(judge.given)], rounds=0)
     lines = trace_lines(judge.search.glance, base, starts)
