@@ -52,6 +52,7 @@ from sim2real.diagnosis.settings.inference import Inference
 FOLDS = 2  # halves of the windows: one is trained on, the other predicted
 NEAR = sorted(product((-1, 0, 1), repeat=2), key=any)  # steps of time and size
 SHIFTS = np.arange(-1, 5)  # doublings of a window's own discrepancy
+STEPS = np.arange(-1, 2)  # of a window's own shift, while sizes change
 ANY = 0.0, np.inf  # sizes of a discrepancy
 DECIMALS = 6  # of nats: what differs by less is as good, and the first is taken, not the rounding's
 
@@ -329,26 +330,51 @@ class Likelihood:
         return time, size, np.full(len(self.used), int(np.flatnonzero(SHIFTS == 0)[0]))
 
     def _sweep(self, course: _Course) -> None:
-        """Let each joint's discrepancy in turn be the best near to what it is, in place."""
-        projection, windows, ends, time, size, _ = course
-        parts = self._parts(course, course.own)
+        """Let each joint's discrepancy in turn be the best near to what it is, in place.
+
+        Windows' own scales follow by a step: else those that need a larger discrepancy would keep
+        the size of all from becoming smaller.
+        """
+        projection, windows, ends, time, size, shift = course
+        _, mean, _ = condense(self._whole(course, course.own))
+        shifts = np.clip(course.own + STEPS[:, None], 0, len(SHIFTS) - 1)  # (3, n)
+        parts = self._parts(course, shifts)
         later = [*accumulate(reversed(parts), add)][-2::-1]  # those after each joint but the last
         before: list[Products] = []  # those before it
         for joint in range(len(self.noise)):
             others, tried = before + later[joint : joint + 1], dict[tuple[int, int], float]()
             last, own_ends = len(self.basis.vectors) - 1, ends[:, joint]
-            best = int(time[joint]), int(size[joint])
+            best, kept = (int(time[joint]), int(size[joint])), dict[tuple[int, int], np.ndarray]()
             while near := [one for one in _list_near(*best, last, own_ends) if one not in tried]:
-                times, sizes = np.transpose(near)
-                own = self._shifted(sizes[:, None], course.own, own_ends)  # (c, n)
-                cells = self._products(projection, (times[:, None], own, joint, windows))
-                found = condense(integrate(reduce(add, others, cells), self._local))[0]
+                times, sizes = np.transpose(near)[..., None, None]
+                own = self._shifted(sizes, shifts, own_ends)  # (c, 3, n)
+                cells = self._products(projection, (times, own, joint, windows))
+                whole = integrate(reduce(add, others, cells), self._local)
+                found, picked = self._follow(whole, shifts, mean)
                 tried |= dict(zip(near, found.round(DECIMALS).tolist(), strict=True))
+                kept |= dict(zip(near, picked, strict=True))
                 best = max(tried, key=tried.__getitem__)
-            time[joint], size[joint] = best
-            own = self._shifted(best[1], course.own, own_ends)
+            time[joint], size[joint], shift[windows] = *best, kept[best]
+            own = self._shifted(best[1], shifts, own_ends)
             cells = self._products(projection, (best[0], own, joint, windows))
             before = [reduce(add, before, cells)]
+
+    def _follow(
+        self, whole: Products, shifts: np.ndarray, mean: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the log densities (c,) of windows whose shifts fit best, and these, (c, n).
+
+        Products are (c, 3, n) of shifts (3, n), which fit these common errors or stay.
+        """
+        worth = self.log_prior[shifts] - HALF * (whole.square + compute_pull(whole, mean))
+        best = np.argmax(worth, axis=1)  # (c, n)
+        steps = np.stack([np.ones_like(best), best])  # (2, c, n)
+        places = np.arange(len(best))[:, None], steps, np.arange(best.shape[1])
+        picked = shifts[places[1:]]
+        density = condense(Products(*(one[places] for one in whole)))[0]
+        density += self.log_prior[picked].sum(axis=-1)  # (2, c)
+        better = np.argmax(density, axis=0), np.arange(len(best))
+        return density[better], picked[better]
 
     def _assign(self, course: _Course) -> None:
         """Give each window the scale that fits it best, the common errors as they are, in place."""

@@ -43,7 +43,7 @@ class Inference:
         12, "largest number of principal components of the errors that `usual` causes", COST
     )
     turns: int = setting(
-        2, "largest number of sweeps over the joints to fit their discrepancies", COST
+        4, "largest number of sweeps over the joints to fit their discrepancies", COST
     )
     difference: float = setting(0.03, "step of finite differences, relative to the value", COST)
     difference_min: float = setting(

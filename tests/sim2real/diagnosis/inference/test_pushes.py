@@ -91,11 +91,13 @@ def test_what_explains_the_moment_once_fitted_to_it_is_no_less_likely(tmp_path: 
     """No other stretch tells such an effect from a push; friction explains no push."""
     data, rng = arm.data_of(pushed(TORQUE), tmp_path), np.random.default_rng(0)
     judge = Judge(data)
-    judgement = judge.judge(Vocabulary(data, only=["coulomb_friction.a", "viscous_friction.b"]))
+    vocabulary = Vocabulary(data, only=["coulomb_friction.a", "viscous_friction.b"])
+    judgement = judge.judge(vocabulary)
     baseline = Baseline.of(judge.replayer, rng)
     (cause,) = make_conclusion(judgement, baseline, rng).report.causes
     assert (cause.effect, cause.where, cause.equivalent) == ("push", "b", ())
-    fitted = [replace(one, own=0 * one.own) for one in judgement.rivals]
+    rivals = judge.fitter.fit(vocabulary.list_starts(judge.replay_errors(judge.given), "ab"))
+    fitted = [replace(one, own=0 * one.own) for one in rivals]
     (cause,) = make_conclusion(replace(judgement, rivals=(*fitted,)), baseline, rng).report.causes
     assert ("viscous_friction", "b") in {(one.effect, one.where) for one in cause.equivalent}
 
