@@ -58,7 +58,7 @@ def feetech(device: str) -> list[tuple[int, int]]:
 
 
 def test_an_so101_is_recorded_diagnosed_and_driven(tmp_path):
-    """A hidden delay of 25 ms, no whole row, and a friction are named with their sizes; a policy runs there.
+    """A hidden delay of 25 ms, no whole row, and friction are named; a policy runs there.
 
     The maker's SDK reads the bus before and after, and finds every servo without torque.
     """
