@@ -21,11 +21,14 @@ from sim2real.exam.thirdparty.rig import Rig
 
 Deviation = dict[str, Any]  # {effect, joint, value}, the value in the effect's unit
 GAINS = ("position_gain", "motor_strength", "supply_voltage")  # of one factor, within the limit
-ALIKE = 2.0  # what is named is at most so many times what there is, or what there is of it
+ALIKE = 2.0  # judged: ratio of the reported to the real deviation, or its inverse, at most
 
 
 def list_deviations(rig: Rig, bare: Rig) -> list[Deviation]:
-    """Return how far a robot's numbers are from those of the robot that its model describes."""
+    """Return how far a robot's numbers are from those of the robot that its model describes.
+
+    Entries are differences (N·m, N·m·s/rad, kg·m², kg, m) or factors, as the effect's value is.
+    """
     found = []
     for joint in rig.driven:
         now, then = rig.joints[joint], bare.joints[joint]
@@ -53,9 +56,10 @@ def list_deviations(rig: Rig, bare: Rig) -> list[Deviation]:
 
 
 def names_deviation(cause: Mapping[str, Any], places: Places, found: Sequence[Deviation]) -> bool:
-    """Return whether a cause is off in the same direction and about as far.
+    """Return whether a cause of a report is off in the same direction and about as far.
 
-    One for the whole robot is held against the mean of its joints.
+    One for the whole robot is held against the mean of its joints; without one number as its value
+    it is none.
     """
     where, effect, value = places.of(cause["where"]), cause["effect"], cause["value"]
     own = [

@@ -191,6 +191,26 @@ def test_windows_scales_have_the_students_weights() -> None:
         assert mixed == pytest.approx(t.pdf(x, freedom), rel=0.15)
 
 
+@pytest.mark.parametrize("most", [2.0, 4.0, np.inf])
+@pytest.mark.parametrize("wild", [2, 6])
+def test_windows_that_need_more_do_not_keep_the_size_of_all(wild: int, most: float) -> None:
+    """Of one joint, and nothing else unknown, the best of all sizes, times and scales is found."""
+    rng, count, rows = np.random.default_rng(0), 12, 40
+    times = np.tile(np.linspace(0, 2, rows), (count, 1))
+    covariance = np.exp(-np.abs(times[0][:, None] - times[0]) / SETTINGS.correlations_s[1])
+    process = rng.normal(size=(count, rows)) @ np.linalg.cholesky(covariance).T
+    sizes = np.where(np.arange(count) < wild, 8.0, 1.0)[:, None]
+    errors = (sizes * process + rng.normal(size=(count, rows)))[..., None]
+    none, used = np.zeros((count, rows, 1, 0)), np.ones((count, rows), bool)
+    likelihood = Likelihood(times, used, np.ones(1), none, none, SETTINGS)
+    projection, every = likelihood.project(errors), np.arange(count)
+    found = likelihood.train(projection, every, (0.0, most))
+    last = int(likelihood._find_ends((0.0, most))[1, 0])
+    own = np.clip(np.arange(last + 1)[:, None] + SHIFTS, 0, last)  # (S, K)
+    each = likelihood.log_prior[:, None] - projection.square[:, own, 0] / 2  # (T, S, K, W)
+    assert found.density == pytest.approx(each.max(axis=2).sum(axis=-1).max())
+
+
 def test_usual_errors_pay_by_their_prior_what_the_evidence_weighs() -> None:
     """Twelve deviations of one direction in a log whose readings are worth hundreds of nats.
 
