@@ -7,6 +7,7 @@
 """
 
 from envs.effects.appearance import CameraShift, CameraTurn, Colour, LightDirection, LightLevel
+from envs.effects.backlash import Backlash
 from envs.effects.base import Effect, Extra, Sizes
 from envs.effects.bound import BoundEffect, CommandRule, Measurement, SubstepRule
 from envs.effects.clock import ClockDrift
@@ -31,7 +32,7 @@ from envs.effects.scale import RobotScale
 from envs.effects.sensing import EncoderOffset, Quantization, SensorNoise, VelocityFilter
 from envs.effects.servo import DeadZone, DerivativeGain, PositionGain, TorqueLimit
 from envs.effects.strength import MotorStrength
-from envs.effects.structure import Backlash, JointCompliance
+from envs.effects.structure import JointCompliance
 from envs.effects.supply import SupplySag, SupplyVoltage, ThermalDerating
 from envs.effects.surface import Restitution, SurfaceFriction
 

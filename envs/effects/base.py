@@ -291,6 +291,13 @@ class Effect:
         """
         return self.group or self.name
 
+    def memory(self, model: mujoco.MjModel) -> list[str]:
+        """Return names of what it remembers of before a log's window, of which a log tells little.
+
+        A plant's parts of these names can `misremember`.
+        """
+        return []
+
     def mjcf_limitation(self) -> str | None:
         """Return why MJCF cannot express the effect, or None if it can."""
         return self.no_mjcf

@@ -25,6 +25,7 @@ class BoundEffect:
     """
 
     order: ClassVar[int] = 100  # among the bound effects of its kind, small first
+    memory: str = ""  # which of `Effect.memory` it keeps; "": none
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         """Put the values (n, k) of the effect's k parameters into the rows ids.
@@ -36,6 +37,9 @@ class BoundEffect:
 
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
         """Forget what the rows ids remember; their state is set, nothing is measured yet."""
+
+    def misremember(self, ids: np.ndarray) -> None:
+        """Let its memory in the rows ids (n,) be off by one standard deviation, after a reset."""
 
     def on_episode_start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
         """Take note of the commands (n, nu) held from before the episodes in the rows ids."""

@@ -28,9 +28,14 @@ class SeriesJoint(Protocol):
     q: int  # its columns in the simulated model's qpos and qvel
     v: int
     motor_side: bool  # whether the log's encoder is on the motor's side of it
+    memory: str  # see `BoundEffect`
 
     def settle(self, ids: np.ndarray, load: np.ndarray) -> np.ndarray:
         """Return where it rests under the load (n,) [N·m] that the motor carries, (n,) [rad]."""
+        ...
+
+    def misremember(self, ids: np.ndarray) -> None:
+        """See `BoundEffect`."""
         ...
 
 

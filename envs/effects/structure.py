@@ -35,7 +35,6 @@ from envs.errors import EffectError, did_you_mean, refuse_unknown
 from envs.params import How, Side
 
 BETWEEN = 0.05  # of the link's inertia: what lies between a spring and a play at one joint
-STIFF_LIMIT = (0.99, 0.999, 1e-4, 0.5, 2.0)  # solimp of the play's ends
 STABLE = 0.25  # largest (dt w)² of a spring that the explicit integration carries well
 
 
@@ -265,54 +264,6 @@ def least_rotor(plant: PlantView, motor: int) -> float:
     ]
     stiffness = sum(-model.actuator_biasprm[i, 1] * model.actuator_gear[i, 0] ** 2 for i in servos)
     return max(float(stiffness) * dt * dt, 1e-3 * link_inertia(model, motor))
-
-
-class _Play(Series):
-    """See `Backlash`."""
-
-    def __init__(self, plant: PlantView, effect: SeriesEffect, motor: int) -> None:
-        super().__init__(plant, effect, motor)
-        self.range = plant.field("jnt_range")
-
-    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
-        super().write(ids, values)
-        half = np.where(values[:, 0] > 0, values[:, 0] / 2, 1.0)  # a frozen joint meets no end
-        self.range[ids, self.joint] = np.stack([-half, half], axis=1)
-
-    def settle(self, ids: np.ndarray, load: np.ndarray) -> np.ndarray:
-        """Return the end against which the load pulls the link; the middle without load."""
-        return -np.where(np.abs(load) > 1e-9, np.sign(load), 0.0) * self.value[ids] / 2
-
-
-class Backlash(SeriesEffect):
-    """Play: the link moves freely within ± value / 2 of the motor's angle.
-
-    `side` is the location of the servo's encoder. `encoder` is the location of the logged encoder,
-    if they differ.
-    """
-
-    name = "backlash"
-    engines = BOTH
-    unit = "rad"
-    shared = True
-    typical = (0.0, 0.06)
-    bound = _Play
-    comparable = True
-    sizes = Sizes("add", "one", 3e-3, 0.25)
-    symptom = (
-        "the link lags by a fixed angle after each reversal; the link rattles where no load"
-        " holds it"
-    )
-    source = (
-        "a hinge with limits in series; Dynamixel X: 15 arcmin (e-manual), SO-101 models: 1 degree"
-    )
-    experiment = "slow reversals; the lag does not depend on the load, and a preload removes it"
-    first_values = (0.004, 0.015, 0.05, 0.15)
-
-    def shape(self, joint: Any, timestep: float) -> None:
-        """Give the joint stiff ends."""
-        joint.limited, joint.range = mujoco.mjtLimited.mjLIMITED_TRUE, [-1.0, 1.0]
-        joint.solref_limit, joint.solimp_limit = [2 * timestep, 1.0], STIFF_LIMIT
 
 
 class Spring(Series):

@@ -26,6 +26,7 @@ from envs.params import How, Parameter
 from envs.physics.arrays import Array
 
 Drive = Literal["voltage", "current"]
+UNSURE = 0.05  # standard deviation of the heat at a window's start, relative: what tables are off
 
 
 class SupplyVoltage(Effect):
@@ -225,7 +226,7 @@ class _Derating(_Weakening):
     def __init__(self, plant: PlantView, effect: ActuatorEffect) -> None:
         index = effect.actuators(plant.model)
         super().__init__(plant, index)
-        self.effect, self.dt = effect, plant.model.opt.timestep
+        self.effect, self.dt, self.memory = effect, plant.model.opt.timestep, effect.label()
         self.heat = self.arrays.zeros((plant.num_rows, len(index)))  # N²·m²·s
         self.decay, self.braking = np.zeros((plant.num_rows, 1)), np.zeros((plant.num_rows, 1))
 
@@ -237,6 +238,9 @@ class _Derating(_Weakening):
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
         super().reset(ids, seeds)
         self.heat[self.arrays.rows(ids)] = 0.0
+
+    def misremember(self, ids: np.ndarray) -> None:
+        self.heat[self.arrays.rows(ids)] *= 1 + UNSURE
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         super().prepare(ids)
@@ -300,6 +304,10 @@ class ThermalDerating(ActuatorEffect):
         """Return losses by which the hardest log takes parts of the strength, and of braking."""
         losses = np.array([0.15, 0.6, 2.5]) / max(scale.heat_at(self.where), 1e-9)
         return np.array(list(itertools.product(losses, (0.0, 1.0))))
+
+    def memory(self, model: mujoco.MjModel) -> list[str]:
+        """Return how hot its motors are."""
+        return [self.label()]
 
     @classmethod
     def draw_extras(cls, units: Mapping[str, float], rng: np.random.Generator) -> dict[str, float]:

@@ -36,6 +36,7 @@ from sim2real.diagnosis.data.lean import lean
 from sim2real.diagnosis.data.thermal import Heat
 from sim2real.diagnosis.data.together import cores, is_free, is_helper, together
 from sim2real.diagnosis.data.windows import Window
+from sim2real.diagnosis.data.windup import Windup
 
 ACTUATORS = tuple(
     f"actuator_{name}" for name in ("gainprm", "biasprm", "forcerange", "damping", "delay")
@@ -62,6 +63,12 @@ class Run(NamedTuple):
     effects: tuple[Effect, ...]
     windows: np.ndarray  # (R,)
     values: np.ndarray  # (R, P)
+    off: np.ndarray | None = None  # (R,) str, what each misremembers at its start; "": nothing
+
+    def part(self, rows: np.ndarray) -> Run:
+        """Return some of the rows, (n,)."""
+        off = None if self.off is None else self.off[rows]
+        return Run(self.effects, self.windows[rows], self.values[rows], off)
 
 
 class Work:
@@ -121,7 +128,7 @@ class Simulator:
         models: Sequence[_Lean] | None = None,
     ) -> None:
         self.data, self.fixed, self.threads = data, tuple(fixed), threads
-        self.heat = Heat(data, self.paths)
+        self.heat, self._windup = Heat(data, self.paths), Windup(data)
         self.work = Work() if work is None else work
         if models is None:
             specs = [lean(spec) for spec in data.specs]
@@ -159,7 +166,8 @@ class Simulator:
         for run in runs:
             shape = (len(run.windows), self._length, len(self.data.joints))
             found.append(Simulated(np.zeros(shape), np.zeros(shape), np.full(shape[0], np.inf)))
-        for result, (effects, windows, values) in zip(found, runs, strict=True):
+        for result, run in zip(found, runs, strict=True):
+            effects, windows = run.effects, run.windows
             models = np.array([self.data.windows[i].model for i in windows], int)
             for model in np.unique(models).tolist():
                 rows, stepped = np.flatnonzero(models == model), self._is_stepped(effects, model)
@@ -170,8 +178,8 @@ class Simulator:
                 for chunk in np.array_split(rows, self._pieces(windows[rows], model)):
                     alone = len(chunk) >= SHARED and not stepped
                     for own in self._shares(chunk) if stepped else [chunk]:
-                        some = Run(effects, windows[own], values[own])
-                        jobs.append((partial(self._chunk, model, some), alone, result, own))
+                        task = partial(self._chunk, model, run.part(own))
+                        jobs.append((task, alone, result, own))
         shared = iter(self.together([task for task, alone, *_ in jobs if not alone]))
         for task, alone, result, own in jobs:
             for all_, some in zip(result, task() if alone else next(shared), strict=True):
@@ -234,13 +242,22 @@ class Simulator:
             on = (plan.off[:, None] >> bits & 1) == 0
             yield _actuated(plant, row), path[: plan.steps + 1], plan, on
 
+    def _start(self, plant: Plant, windows: np.ndarray, off: np.ndarray | None) -> None:
+        """Let effects remember what came before the windows that a plant's rows replay, (R,)."""
+        self.heat.start(plant, windows)
+        self._windup.start(plant, windows)
+        for part in (*plant.layout.joints, *plant.substep_rules):
+            if part.memory and (rows := np.flatnonzero(off == part.memory)).size:
+                part.misremember(rows)
+                plant.physics.started(rows)
+
     def _chunk(self, model: int, run: Run) -> Simulated:
-        effects, windows, values = run
+        effects, windows, values, off = run
         data, plans = self.data, [self._plans[i] for i in windows]
         threads = 1 if self._is_stepped(effects, model) else self.threads
         plant = self._make(model, effects, len(windows), threads)
         _set(plant, values)
-        motion = simulate(plant, plans, lambda: self.heat.start(plant, windows))
+        motion = simulate(plant, plans, lambda: self._start(plant, windows, off))
         steps = int(motion.steps.sum())
         self.work.add(motion.dt * steps, steps)
         at = map(np.stack, zip(*(self._read[i] for i in windows), strict=True))

@@ -24,6 +24,7 @@ class Rows(NamedTuple):
     members: tuple[Candidate, ...]
     windows: np.ndarray  # (R,) indices of windows
     values: np.ndarray  # (R, P) of the members' parameters, one after the other
+    off: str = ""  # what all misremember at their start; see `Effect.memory`
 
 
 class _Batch:
@@ -65,7 +66,8 @@ class _Batch:
             )
             values.append(own)
         windows = np.concatenate([one.windows for _, one in self.parts])
-        return Run(tuple(m.effect for m in members), windows, np.concatenate(values))
+        off = np.repeat([one.off for _, one in self.parts], [len(v) for v in values])
+        return Run(tuple(m.effect for m in members), windows, np.concatenate(values), off)
 
 
 def simulate_each(simulator: Simulator, sets: Sequence[Rows]) -> list[Simulated]:

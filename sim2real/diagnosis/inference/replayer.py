@@ -210,20 +210,24 @@ class Replayer:
         return found, lost
 
     def starts(self, hypothesis: Hypothesis, values: np.ndarray) -> np.ndarray:
-        """Return what one standard deviation of each start changes, (W, N, M, 2 M).
+        """Return what one standard deviation of each start changes, (W, N, M, 2 M + K).
 
-        Positions are off by the noise of a reading, speeds by that of what they were taken from;
-        the model is a hypothesis under values (W, P).
+        Positions are off by the noise of a reading, speeds by that of what they were taken from,
+        and each of K memories of effects by what logs do not tell of it; the model is a hypothesis
+        under values (W, P).
         """
         if self.finer is not None and hypothesis.needs_short_steps:
             return self.finer.starts(hypothesis, values)
         (base,) = self._replay([Job(hypothesis, values, self.every)])
-        ways = np.empty((*base.error.shape, 2 * len(self.noise)))
+        model, sets = self.data.models[0], 2 * len(self.noise)
+        names = [name for one in hypothesis.effects for name in one.effect.memory(model)]
+        ways = np.empty((*base.error.shape, sets + len(names)))
         for ask in self._asks(0, Job(hypothesis, values, self.every)):
-            simulator, count = self._moved(ask), len(ask.windows)
+            simulator, own = self._moved(ask), np.arange(len(ask.windows))
+            places = [own + min(way, sets) * len(own) for way in range(ways.shape[-1])]
             rows = [
-                Rows(hypothesis.effects, np.arange(count) + way * count, ask.values)
-                for way in range(ways.shape[-1])
+                Rows(hypothesis.effects, place, ask.values, off)
+                for place, off in zip(places, [*[""] * sets, *names], strict=True)
             ]
             for way, made in enumerate(simulate_each(simulator, rows)):
                 error = self._look(made.error, ask.windows) * ask.scale
@@ -288,7 +292,10 @@ class Replayer:
         return np.where(self.used[..., None], found, 0.0)
 
     def _moved(self, ask: _Ask) -> Simulator:
-        """Return a simulator of the windows asked for, with each start off: one set a start."""
+        """Return a simulator of the windows asked for, with each start off: one set a start.
+
+        The last set is as it is.
+        """
         data = (_stacked(self, [ask.log]) if ask.log else self.plain).data
         some, moved = data.only(ask.windows), []
         noise = np.broadcast_to(self.noise, self.speed_noise.shape)
@@ -297,7 +304,7 @@ class Replayer:
             for joint in range(len(self.noise)):
                 pairs = zip(some.windows, sizes[:, joint], strict=True)
                 moved += [shift(data, window, joint, float(size)) for window, size in pairs]
-        sets = 2 * len(self.noise)
+        moved, sets = [*moved, *some.windows], 2 * len(self.noise) + 1
         mask, measured = np.tile(some.mask, (sets, 1)), np.tile(some.measured, (sets, 1, 1))
         return self.plain.of(replace(some, windows=tuple(moved), mask=mask, measured=measured))
 

@@ -1,0 +1,42 @@
+"""What integral action has summed up when a window starts."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from envs.effects import make
+from envs.effects.drive import _Integral
+from envs.plant import Plant
+from sim2real.diagnosis.data.windup import Windup
+from tests.sim2real.diagnosis import arm
+
+ARGUMENTS: dict[str, Any] = {"where": "a"}
+
+
+@pytest.mark.parametrize(("rate", "limit"), [(0.5, 10.0), (4.0, 10.0), (4.0, 0.7)])
+def test_windows_start_as_wound_up_as_one_long_replay_gets(
+    tmp_path: Path, rate: float, limit: float
+) -> None:
+    """The integral at each window's start is that of the whole log, also where it was frozen."""
+    hidden = ("integral_action", ARGUMENTS, rate), ("torque_limit", ARGUMENTS, limit)
+    log = arm.make_log(*hidden, seconds=20.0)
+    data = arm.data_of(log, tmp_path)
+    windows = np.arange(len(data.windows))
+    effects = [make(name, **arguments) for name, arguments, _ in hidden]
+    plants = [Plant(data.specs[0], effects, n) for n in (len(windows), 1)]
+    for plant in plants:
+        plant.set_params(np.arange(plant.num_rows), np.tile([rate, limit], (plant.num_rows, 1)))
+    rules = [next(r for r in p.substep_rules if isinstance(r, _Integral)) for p in plants]
+    Windup(data).start(plants[0], windows)
+    truth = []
+    ctrl = np.column_stack([log.column(f"ctrl.{name}") for name in "ab"])
+    zero = np.zeros((1, 2))
+    plants[1].reset(np.zeros(1, int), zero, zero, np.zeros(1, np.uint64), ctrl[:1], measured=True)
+    for row in ctrl:
+        truth.append(rules[1].sum[0].copy())
+        plants[1].step(None, row[None], round(1 / arm.RATE / arm.STEP))
+    expected = np.array([truth[window.start] for window in data.windows])
+    assert np.abs(expected).max() * rate > 0.02  # rad by which a goal is shifted
+    np.testing.assert_allclose(rules[0].sum * rate, expected * rate, atol=0.01)
