@@ -214,10 +214,20 @@ class _Integral(_DriveRule):
 
     def __init__(self, plant: PlantView, effect: ActuatorEffect) -> None:
         super().__init__(plant, effect)
+        self.effect, self.held = effect, np.zeros((plant.num_rows, 1))
         self.sum = self.arrays.zeros((plant.num_rows, len(self.index)))  # of the error [rad s]
 
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        super().write(ids, values)
+        self.held[ids, 0] = self.effect.scalar("held", values)
+
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
-        self.sum[self.arrays.rows(ids)] = 0.0
+        self.sum[self.arrays.rows(ids)] = self.arrays.own(self.first(ids))
+
+    def first(self, ids: np.ndarray) -> np.ndarray:
+        """Return the sum when an episode starts in rows (n,), (n, 1)."""
+        rate = self.value[ids]
+        return np.divide(self.held[ids], rate, out=np.zeros(rate.shape), where=rate > 0)
 
     def before_substep(self, ids: Any) -> None:
         xp, (law, pull, gain), dt = self.xp, self.law(), self.plant.model.opt.timestep
@@ -233,11 +243,22 @@ class _Integral(_DriveRule):
 class IntegralAction(ActuatorEffect):
     """The integral term of a position servo: force = kp (e + value ∫ e dt) - kv w.
 
-    The integral is frozen while the force is at its limit, and is 0 at the start of an episode and
-    while torque is off.
+    The integral is frozen while the force is at its limit, and 0 while torque is off. At the start
+    of an episode it moves the goal by `held`: a servo that has held a load for a while carries it.
     """
 
     name = "integral_action"
+    extras = (
+        Extra(
+            "held",
+            "rad",
+            0.0,
+            -np.inf,
+            np.inf,
+            "value ∫ e dt at the start of an episode",
+            fit=(-0.5, 0.5),
+        ),
+    )
     engines = BOTH
     unit = "1/s"
     typical = (0.0, 10.0)

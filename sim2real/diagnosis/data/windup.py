@@ -28,6 +28,7 @@ class _Servo(NamedTuple):
     """A servo's law in G rows of a plant, (G,) each."""
 
     rate: np.ndarray  # of the integral action [1/s]
+    first: np.ndarray  # integral at the start of an episode [rad s]
     gain: np.ndarray
     held: np.ndarray  # force at position 0
     stiff: np.ndarray  # force per position
@@ -48,11 +49,12 @@ class Windup:
         for rule in plant.substep_rules:
             if isinstance(rule, _Integral) and (rows := np.flatnonzero(rule.value)).size:
                 for place, actuator in enumerate(rule.index.tolist()):
-                    servos = np.column_stack([rule.value[rows], *_law(plant, rows, actuator)])
+                    own = rule.value[rows], rule.first(rows), *_law(plant, rows, actuator)
+                    servos = np.column_stack(own)
                     rule.sum[rows, place] = self._at(servos, actuator, windows[rows])
 
     def _at(self, servos: np.ndarray, actuator: int, windows: np.ndarray) -> np.ndarray:
-        """Return the integrals of an actuator under laws (n, 8) when windows (n,) start, (n,)."""
+        """Return the integrals of an actuator under laws (n, 9) when windows (n,) start, (n,)."""
         found, own = np.zeros(len(windows)), [self._data.windows[window] for window in windows]
         places = np.array([(window.log, window.start) for window in own])
         for log in np.unique(places[:, 0]).tolist():
@@ -103,6 +105,7 @@ def _sum_up(
     damper = servo.drag * (np.diff(there) / BLOCK)[:, None]
     runs = on[np.searchsorted(time, edges[:-1] + TINY, side="right") - 1]
     total = np.zeros((len(edges), len(servo.rate)))
+    total[0] = servo.first
     for block, (one, drag, running) in enumerate(zip(error, damper, runs, strict=True)):
         force = servo.gain * (one + servo.rate * total[block]) + drag
         winds = ((force >= servo.high) & (one > 0)) | ((force <= servo.low) & (one < 0))

@@ -94,6 +94,9 @@ def test_a_held_servo_pushes_harder_in_proportion_to_time() -> None:
     servo = SERVO.format(limit="")
     time, _, force = run(make("integral_action", where="m"), 2.0, servo, 0.1, 1.0, stuck)
     assert force == pytest.approx(4 * 0.1 * (1 + 2.0 * time), rel=1e-3)
+    before = make("integral_action", where="m", held=0.03)  # rad, from before the episode
+    _, _, carried = run(before, 2.0, servo, 0.1, 1.0, stuck)
+    assert carried - force == pytest.approx(4 * 0.03, rel=1e-3)
 
 
 def test_the_sum_stands_still_at_the_torque_limit() -> None:

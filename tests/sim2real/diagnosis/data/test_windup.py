@@ -12,15 +12,16 @@ from envs.plant import Plant
 from sim2real.diagnosis.data.windup import Windup
 from tests.sim2real.diagnosis import arm
 
-ARGUMENTS: dict[str, Any] = {"where": "a"}
 
-
-@pytest.mark.parametrize(("rate", "limit"), [(0.5, 10.0), (4.0, 10.0), (4.0, 0.7)])
+@pytest.mark.parametrize(
+    ("rate", "limit", "held"), [(0.5, 10.0, 0.05), (4.0, 10.0, 0.0), (4.0, 0.7, -0.05)]
+)
 def test_windows_start_as_wound_up_as_one_long_replay_gets(
-    tmp_path: Path, rate: float, limit: float
+    tmp_path: Path, rate: float, limit: float, held: float
 ) -> None:
     """The integral at each window's start is that of the whole log, also where it was frozen."""
-    hidden = ("integral_action", ARGUMENTS, rate), ("torque_limit", ARGUMENTS, limit)
+    joint: dict[str, Any] = {"where": "a"}
+    hidden = ("integral_action", joint | {"held": held}, rate), ("torque_limit", joint, limit)
     log = arm.make_log(*hidden, seconds=20.0)
     data = arm.data_of(log, tmp_path)
     windows = np.arange(len(data.windows))
