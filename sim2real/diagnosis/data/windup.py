@@ -102,12 +102,19 @@ def _sum_up(
     there = np.interp(edges, time, position)
     pull = servo.held + servo.stiff * ((there[1:] + there[:-1]) / 2)[:, None]
     error = np.diff(asked, axis=0) / BLOCK + pull / np.where(servo.gain > 0, servo.gain, 1.0)
-    damper = servo.drag * (np.diff(there) / BLOCK)[:, None]
+    steps, damper = BLOCK * error, servo.drag * (np.diff(there) / BLOCK)[:, None]
     runs = on[np.searchsorted(time, edges[:-1] + TINY, side="right") - 1]
-    total = np.zeros((len(edges), len(servo.rate)))
-    total[0] = servo.first
-    for block, (one, drag, running) in enumerate(zip(error, damper, runs, strict=True)):
-        force = servo.gain * (one + servo.rate * total[block]) + drag
-        winds = ((force >= servo.high) & (one > 0)) | ((force <= servo.low) & (one < 0))
-        total[block + 1] = running * (total[block] + np.where(winds, 0.0, BLOCK * one))
+    total = servo.first + np.concatenate([np.zeros((1, len(servo.rate))), np.cumsum(steps, axis=0)])
+    if not runs.all() or _is_frozen(servo, total[:-1], error, damper).any():
+        for block, running in enumerate(runs):
+            stuck = _is_frozen(servo, total[block], error[block], damper[block])
+            total[block + 1] = running * (total[block] + np.where(stuck, 0.0, steps[block]))
     return np.stack([np.interp(time, edges, own) for own in total.T], axis=-1)
+
+
+def _is_frozen(
+    servo: _Servo, total: np.ndarray, error: np.ndarray, damper: np.ndarray
+) -> np.ndarray:
+    """Return where the force is at its limit and the error would drive it further, (..., G)."""
+    force = servo.gain * (error + servo.rate * total) + damper
+    return ((force >= servo.high) & (error > 0)) | ((force <= servo.low) & (error < 0))
