@@ -16,19 +16,22 @@ import numpy as np
 
 from sim2real.diagnosis.inference.fit import Fit, Fitter
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, get_kind
+from sim2real.diagnosis.inference.moves import restart
 from sim2real.diagnosis.inference.products import HALF
 from sim2real.diagnosis.inference.score import Bootstrap
 
+ROUNDS = 3  # Gauss-Newton steps from one fit to what another predicts: they are close
 APART = 2  # members by which an explanation is another one
 
 
 def compute_separation(fitter: Fitter, one: Fit, other: Fit) -> float:
     """Return the expected log ratio of two fits' densities on these windows [nats].
 
-    The discrepancy of the first counts; the fitter made both.
+    The discrepancy of the first counts; the fitter made both. The other is fitted to what the first
+    predicts: values fitted to a log are as far apart as the log leaves them uncertain.
     """
-    apart = (one.own - other.own)[..., None]
-    return float(fitter.curvature(one, apart)[0, 0]) * HALF
+    (near,) = fitter.imitating(one).fit([restart(other)], rounds=ROUNDS)
+    return float(fitter.curvature(one, near.own[..., None])[0, 0]) * HALF
 
 
 class Distance:

@@ -17,6 +17,7 @@ decides.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -118,6 +119,13 @@ class Fitter:
         own, held = (Replay(errors, np.zeros_like(errors)) for errors in paths)
         state = State(hypothesis, values, own, self._train(own))
         return _as_fit(state, held, self._score(state, held))
+
+    def imitating(self, fit: Fit) -> Fitter:
+        """Return what fits hypotheses to the motions that a fit predicts, in place of the log's."""
+        other, replayer = copy(self), copy(self.replayer)
+        replayer.offset = replayer.offset - fit.own
+        other.replayer = replayer
+        return other
 
     def curvature(self, fit: Fit, vectors: np.ndarray, tempered: bool = True) -> np.ndarray:
         """Return `Likelihood.curvature`, (P, P), each fold's windows under its own discrepancy."""
