@@ -24,7 +24,7 @@ def test_further_scalars_are_fitted_between_bounds(tmp_path: Path) -> None:
     found = {option.name: option for option in candidates(data) if option.effect.free}
     scaled = {"cogging", "joint_compliance", "load_dependent_friction", "stribeck_friction"}
     scaled |= {"torque_speed_knee", "hysteretic_compliance", "encoder_eccentricity"}
-    scaled |= {"dead_zone", "asymmetric_friction", "thermal_derating"}
+    scaled |= {"dead_zone", "asymmetric_friction", "thermal_derating", "integral_action"}
     assert set(found) == scaled
     stribeck = found["stribeck_friction"]
     assert stribeck.low[1] > 0.01 and stribeck.high[1] < 10.0  # rad/s
