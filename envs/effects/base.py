@@ -292,9 +292,9 @@ class Effect:
         return self.group or self.name
 
     def memory(self, model: mujoco.MjModel) -> list[str]:
-        """Return names of what it remembers of before a log's window, of which a log tells little.
+        """Return names of what it remembers that a log does not tell at the start of a window.
 
-        A plant's parts of these names can `misremember`.
+        For each, a substep rule that it binds has that `memory` and can `misremember`.
         """
         return []
 

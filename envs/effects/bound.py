@@ -39,7 +39,10 @@ class BoundEffect:
         """Forget what the rows ids remember; their state is set, nothing is measured yet."""
 
     def misremember(self, ids: np.ndarray) -> None:
-        """Let its memory in the rows ids (n,) be off by one standard deviation, after a reset."""
+        """Let its memory in the rows ids (n,) be off by one standard deviation, after a reset.
+
+        The deviation is that of what a log leaves unknown at the start of a window.
+        """
 
     def on_episode_start(self, ids: np.ndarray, ctrl: np.ndarray) -> None:
         """Take note of the commands (n, nu) held from before the episodes in the rows ids."""

@@ -26,7 +26,7 @@ from envs.params import How, Parameter
 from envs.physics.arrays import Array
 
 Drive = Literal["voltage", "current"]
-UNSURE = 0.05  # standard deviation of the heat at a window's start, relative: what tables are off
+UNSURE = 0.05  # relative standard deviation of a heat that was not simulated from its beginning
 
 
 class SupplyVoltage(Effect):

@@ -21,6 +21,7 @@ import numpy as np
 
 from envs.effects import Effect, make
 from envs.effects.supply import ThermalDerating
+from envs.errors import EffectError
 from envs.plant import Fixed, Plant
 from envs.replay import (
     InterpolationPoints,
@@ -246,10 +247,16 @@ class Simulator:
         """Let effects remember what came before the windows that a plant's rows replay, (R,)."""
         self.heat.start(plant, windows)
         self._windup.start(plant, windows)
-        for part in (*plant.layout.joints, *plant.substep_rules):
-            if part.memory and (rows := np.flatnonzero(off == part.memory)).size:
-                part.misremember(rows)
-                plant.physics.started(rows)
+        parts = {part.memory: part for part in (*plant.layout.joints, *plant.substep_rules)}
+        for name in () if off is None else np.unique(off[off != ""]).tolist():
+            if name not in parts:
+                raise EffectError(
+                    f"no part of an effect has memory={name!r}, which its `memory` lists; let its "
+                    f"substep rule have it (here: {', '.join(sorted(filter(None, parts)))})"
+                )
+            rows = np.flatnonzero(off == name)
+            parts[name].misremember(rows)
+            plant.physics.started(rows)
 
     def _chunk(self, model: int, run: Run) -> Simulated:
         effects, windows, values, off = run

@@ -70,9 +70,9 @@ class Windup:
         model = self._data.models[next(w.model for w in self._data.windows if w.log == number)]
         joint, name = int(model.actuator_trnid[actuator, 0]), model.actuator(actuator).name
         names = {place: name for name, place in positions(log, model).items()}
-        own, found = names.get(int(model.jnt_qposadr[joint])), np.zeros((len(log), len(servo.rate)))
+        own, found = names.get(int(model.jnt_qposadr[joint])), np.tile(servo.first, (len(log), 1))
         if own is None or f"ctrl.{name}" not in log.columns:
-            return found  # of what was not logged no error is known
+            return found  # no error is known of what was not logged
         ctrl, there = log.column(f"ctrl.{name}"), log.column(f"qpos.{own}")
         there, on = float(model.actuator_gear[actuator, 0]) * there, powered(log, name)
         for rows in episode_rows(log):

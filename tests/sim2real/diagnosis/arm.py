@@ -1,5 +1,6 @@
 """A small arm and logs of it, made by simulation with known effects: truth for tests."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import mujoco
@@ -61,6 +62,17 @@ def make_log(
     columns |= {f"ctrl.{n}": wanted[:, i] for i, n in enumerate("ab")}
     columns |= {f"qpos.{n}": path[:, i] for i, n in enumerate("ab")}
     return Log(columns)
+
+
+def replay_whole(plant: Plant, log: Log, read: Callable[[], np.ndarray]) -> np.ndarray:
+    """Return what is read before each row of a log's commands, replayed from rest, (T, ...)."""
+    ctrl, zero = np.column_stack([log.column(f"ctrl.{name}") for name in "ab"]), np.zeros((1, 2))
+    plant.reset(np.zeros(1, int), zero, zero, np.zeros(1, np.uint64), ctrl[:1], measured=True)
+    found = []
+    for row in ctrl:
+        found.append(read().copy())
+        plant.step(None, row[None], round(1 / RATE / STEP))
+    return np.array(found)
 
 
 def model(folder: Path) -> str:

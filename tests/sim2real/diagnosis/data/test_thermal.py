@@ -94,14 +94,8 @@ def test_windows_start_as_hot_as_one_long_replay_gets(
         plant.set_params(np.arange(plant.num_rows), np.full((plant.num_rows, 1), value))
     rules = [next(r for r in p.substep_rules if isinstance(r, _Derating)) for p in plants]
     Simulator(data).heat.start(plants[0], windows)
-    log, truth = data.logs[0], []
-    ctrl = np.column_stack([log.column(f"ctrl.{name}") for name in "ab"])
-    zero = np.zeros((1, 2))
-    plants[1].reset(np.zeros(1, int), zero, zero, np.zeros(1, np.uint64), ctrl[:1], measured=True)
-    for row in ctrl:
-        truth.append(rules[1].heat[0].copy())
-        plants[1].step(None, row[None], round(1 / arm.RATE / arm.STEP))
-    expected = np.array([truth[window.start] for window in data.windows])
+    truth = arm.replay_whole(plants[1], data.logs[0], lambda: rules[1].heat[0])
+    expected = truth[[window.start for window in data.windows]]
     assert (expected * value).max() > weaker  # a motor is weaker by so much
     np.testing.assert_allclose(rules[0].heat, expected, rtol=0.07, atol=0.05)
 

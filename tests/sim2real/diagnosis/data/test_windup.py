@@ -31,13 +31,7 @@ def test_windows_start_as_wound_up_as_one_long_replay_gets(
         plant.set_params(np.arange(plant.num_rows), np.tile([rate, limit], (plant.num_rows, 1)))
     rules = [next(r for r in p.substep_rules if isinstance(r, _Integral)) for p in plants]
     Windup(data).start(plants[0], windows)
-    truth = []
-    ctrl = np.column_stack([log.column(f"ctrl.{name}") for name in "ab"])
-    zero = np.zeros((1, 2))
-    plants[1].reset(np.zeros(1, int), zero, zero, np.zeros(1, np.uint64), ctrl[:1], measured=True)
-    for row in ctrl:
-        truth.append(rules[1].sum[0].copy())
-        plants[1].step(None, row[None], round(1 / arm.RATE / arm.STEP))
-    expected = np.array([truth[window.start] for window in data.windows])
+    truth = arm.replay_whole(plants[1], log, lambda: rules[1].sum[0])
+    expected = truth[[window.start for window in data.windows]]
     assert np.abs(expected).max() * rate > 0.02  # rad by which a goal is shifted
     np.testing.assert_allclose(rules[0].sum * rate, expected * rate, atol=0.01)

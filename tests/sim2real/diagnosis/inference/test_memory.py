@@ -6,6 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from envs.effects.friction import ViscousFriction
+from envs.errors import EffectError
+from sim2real.diagnosis.data.simulate import Run, Simulator
 from sim2real.diagnosis.inference.candidates import candidates
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.replayer import Replayer
@@ -42,3 +45,11 @@ def test_heat_is_unknown_the_more_the_hotter_a_motor_is(tmp_path: Path) -> None:
 def test_what_remembers_nothing_adds_nothing(name: str, tmp_path: Path) -> None:
     """Positions and speeds are all that is unknown of a start."""
     assert _starts((name, {"where": "a"}, 0.02), tmp_path).shape[-1] == 0
+
+
+def test_a_memory_that_nothing_keeps_is_refused(tmp_path: Path) -> None:
+    """A user's effect that names a memory without a rule for it is no effect without memory."""
+    data = arm.data_of(arm.make_log(seconds=8.0), tmp_path)
+    run = Run((ViscousFriction(where="a"),), np.zeros(1, int), np.zeros((1, 1)), np.array(["oil"]))
+    with pytest.raises(EffectError, match="no part of an effect has memory='oil'"):
+        Simulator(data, threads=1).run_each([run])
