@@ -169,6 +169,13 @@ class Data:
         models = tuple(spec.copy().compile() for spec in specs)
         return replace(self, specs=specs, models=models, late=tuple(late))
 
+    def halve_steps(self) -> Data:
+        """Return the data with models that take time steps half as long."""
+        specs = tuple(spec.copy() for spec in self.specs)
+        for spec in specs:
+            spec.option.timestep /= 2
+        return replace(self, specs=specs, models=tuple(spec.copy().compile() for spec in specs))
+
 
 def _stacked(windows: Sequence[Window]) -> dict[str, Any]:
     """Return windows, which of their rows are compared and what was measured, padded."""

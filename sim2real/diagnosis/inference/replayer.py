@@ -134,6 +134,11 @@ class Replayer:
         other.finer = self.part(windows, self.data.stepping(most / SHORTER))
         return other
 
+    @cached_property
+    def halved(self) -> Replayer:
+        """The same windows in time steps half as long."""
+        return self.part(self.every, self.data.halve_steps())
+
     def anchor(self, hypothesis: Hypothesis, values: np.ndarray, errors: np.ndarray) -> None:
         """Correct all errors by what those of a hypothesis under values (W, P) lack, (W, N, M)."""
         (made,) = self._replay([Job(hypothesis, values, self.every)])

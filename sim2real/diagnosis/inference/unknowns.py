@@ -1,12 +1,14 @@
-"""What is unknown of windows in addition to their noise: their starts, their clock, usual errors.
+"""What is unknown of windows in addition to their noise: starts, clocks, time steps, usual errors.
 
     local, common = compute_unknowns(replayer, coarse, hypothesis, values)
 
 Each is one standard deviation of what it does to the errors, by finite differences under a
 hypothesis. A robot's clock and its model's differ by part of a time step, by chance in each window
-and by as much in all of them. Where a replay is further off than joints that stay, straight lines
-through it mean nothing: starts are then taken to move on freely, and no error of a parameter counts
-as usual.
+and by as much in all of them. A robot has no time steps: to first order, what a model's makes is
+twice what half of it changes (Richardson 1911, doi:10.1098/rsta.1911.0009); where joints stick or
+ring, it is another in each window. Where a replay is further off than joints that stay, straight
+lines through it mean nothing: starts are then taken to move on freely, and no error of a parameter
+counts as usual.
 """
 
 import numpy as np
@@ -28,17 +30,25 @@ def compute_unknowns(
     Those of a window alone, (W, N, M, L), and those common to all, (W, N, M, U); `coarse` replays
     the same windows for them.
     """
-    (base,) = replayer.replay([Job(hypothesis, values, replayer.every)])
+    job = Job(hypothesis, values, replayer.every)
+    (base,) = replayer.replay([job])
     if is_lost(replayer, base.error):
         none = np.zeros((*base.error.shape, 0))
         return cap_directions(replayer, replayer.ballistic()), none
     step = max(model.opt.timestep for model in replayer.data.models)
     clock = rounding(step) * base.slope[..., None]  # a command acts at the next step
+    stepping = estimate_step_error(replayer, job, base.error)[..., None]
     starts = coarse.starts(hypothesis, values)
-    local = np.concatenate([starts, clock, replayer.estimated], axis=-1)
+    local = np.concatenate([starts, clock, stepping, replayer.estimated], axis=-1)
     usual = coarse.usual(hypothesis, values)
     common = _largest(replayer, np.concatenate([usual, clock], axis=-1))
     return _principal(replayer, cap_directions(replayer, local)), cap_directions(replayer, common)
+
+
+def estimate_step_error(replayer: Replayer, job: Job, error: np.ndarray) -> np.ndarray:
+    """Return what no time step at all would add to a job's error, (W, N, M), to first order."""
+    (halved,) = replayer.halved.replay([job])
+    return 2 * (halved.error - error)
 
 
 def make_fitter(

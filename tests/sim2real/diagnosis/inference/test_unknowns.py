@@ -51,3 +51,15 @@ def test_longer_steps_are_taken_where_they_change_little(
     replayer.settings = replace(replayer.settings, coarse_noises=limit)
     chosen = unknowns.coarsen(replayer, given, replayer.every)
     assert (chosen.data.models[0].opt.timestep > judge.data.models[0].opt.timestep) == longer
+
+
+def test_what_time_steps_make_is_twice_what_half_of_them_changes(tmp_path: Path) -> None:
+    """An eighth of a step leaves an eighth of it, as an integrator of first order does."""
+    judge = Judge(arm.data_of(arm.make_log(noise=NOISE), tmp_path))
+    replayer = judge.replayer
+    job = Job(Hypothesis(()), np.zeros((len(judge.fold), 0)), replayer.every)
+    (base,) = replayer.replay([job])
+    (finer,) = replayer.halved.halved.halved.replay([job])
+    change, own = finer.error - base.error, unknowns.estimate_step_error(replayer, job, base.error)
+    assert np.abs(change[replayer.used]).max() > 0.1 * replayer.noise.min()
+    np.testing.assert_allclose(change, 7 / 8 * own, atol=0.03 * np.abs(own).max())
