@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from sim2real.diagnosis.inference import unknowns
+from sim2real.diagnosis.inference.candidates import candidates
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.judge import Judge
 from sim2real.diagnosis.inference.replayer import Job
@@ -63,3 +64,23 @@ def test_what_time_steps_make_is_twice_what_half_of_them_changes(tmp_path: Path)
     change, own = finer.error - base.error, unknowns.estimate_step_error(replayer, job, base.error)
     assert np.abs(change[replayer.used]).max() > 0.1 * replayer.noise.min()
     np.testing.assert_allclose(change, 7 / 8 * own, atol=0.03 * np.abs(own).max())
+
+
+def test_joints_yield_by_a_count_before_they_slip(tmp_path: Path) -> None:
+    """A joint that does so follows what is rigid and this together; without friction none does."""
+    bend, rubs = 3e-3, ("coulomb_friction", {"where": "b"}, 0.12)
+    bristles = "stribeck_friction", {"where": "b", "bristle": bend}, 0.0
+    judge = Judge(arm.data_of(arm.make_log(rubs, bristles, noise=NOISE), tmp_path))
+    replayer, count = judge.replayer, len(judge.fold)
+    replayer.count[:] = bend
+    (member,) = [m for m in candidates(judge.data) if m.label == "coulomb_friction.b"]
+
+    def left(friction: float) -> float:
+        job = Job(Hypothesis((member,)), np.full((count, 1), friction), replayer.every)
+        (base,) = replayer.replay([job])
+        bent = base.error + unknowns.estimate_presliding(replayer, job, base.error)
+        rigid, yielding = (np.square(e[replayer.used][:, 1]).sum() for e in (base.error, bent))
+        return float(yielding / rigid)
+
+    assert left(0.12) < 0.5
+    assert left(0.0) == pytest.approx(1.0, abs=1e-6)
