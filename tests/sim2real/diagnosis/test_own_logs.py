@@ -122,12 +122,12 @@ def write(folder: Path, parts: dict[str, str]) -> Path:
     return path
 
 
-SOONER = ("push at a site", "integrated velocity")  # each diagnosis takes about 10 s
+SOONER = "push at a site"  # each diagnosis takes about 10 s
 
 
 def at_leisure(name: str) -> Any:
-    """Return a model as a parameter; most wait for the long suite."""
-    return pytest.param(name, marks=() if name in SOONER else pytest.mark.slow)
+    """Return a model as a parameter; all but one wait for the long suite."""
+    return pytest.param(name, marks=() if name == SOONER else pytest.mark.slow)
 
 
 @pytest.mark.parametrize("name", [at_leisure(name) for name in MODELS])

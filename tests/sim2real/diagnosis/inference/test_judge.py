@@ -108,6 +108,7 @@ def test_a_late_row_is_named_with_and_without_an_effect_beside(
         np.testing.assert_allclose(judgement.best.mean[0], FRICTION[2], rtol=0.03)
 
 
+@pytest.mark.slow
 def test_degrees_in_one_column_are_named_for_what_they_are(tmp_path: Path) -> None:
     """Judged by unknowns of its own: windows that start at 30 rad would speak against it."""
     log = arm.make_log(noise=NOISE)
@@ -134,7 +135,9 @@ def test_a_reversed_joint_is_named_with_its_mirror_image(tmp_path: Path) -> None
     assert judgement.best.total > judgement.given.total + 1000
 
 
-@pytest.mark.parametrize("name", ["supply_voltage", "motor_strength"])
+@pytest.mark.parametrize(
+    "name", ["supply_voltage", pytest.param("motor_strength", marks=pytest.mark.slow)]
+)
 def test_a_motor_that_is_off_by_two_per_cent_is_no_gap(name: str, tmp_path: Path) -> None:
     """No motor is known better, be it by its voltage or, with its braking, by its constant."""
     judgement = judged(arm.make_log((name, {}, 0.98), noise=NOISE), tmp_path)
