@@ -14,9 +14,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from sim2real.diagnosis.inference.fit import Fit, Fitter
+from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, get_kind
-from sim2real.diagnosis.inference.moves import restart
 from sim2real.diagnosis.inference.products import HALF
 from sim2real.diagnosis.inference.score import Bootstrap
 
@@ -28,9 +27,12 @@ def compute_separation(fitter: Fitter, one: Fit, other: Fit) -> float:
     """Return the expected log ratio of two fits' densities on these windows [nats].
 
     The discrepancy of the first counts; the fitter made both. The other is fitted to what the first
-    predicts: values fitted to a log are as far apart as the log leaves them uncertain.
+    predicts: values fitted to a log are as far apart as the log leaves them uncertain. It begins
+    at its own values and at the first's, which are the same if one physics has two names.
     """
-    (near,) = fitter.imitating(one).fit([restart(other)], rounds=ROUNDS)
+    points = [fit.values for fit in (other, one) if fit.values.shape == other.values.shape]
+    start = Start(other.hypothesis, np.stack(points))
+    (near,) = fitter.imitating(one).fit([start], rounds=ROUNDS)
     return float(fitter.curvature(one, near.own[..., None])[0, 0]) * HALF
 
 
