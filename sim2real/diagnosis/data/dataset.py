@@ -23,7 +23,13 @@ from hardware.log import Log
 from sim2real.diagnosis.data.impedance import impedance_of
 from sim2real.diagnosis.data.noise_floor import count_of, noise_floor, rounding
 from sim2real.diagnosis.data.pairs import is_scalar, scalars
-from sim2real.diagnosis.data.recording import as_recorded, bus_delay, check_log, load_model
+from sim2real.diagnosis.data.recording import (
+    as_recorded,
+    bus_delay,
+    check_log,
+    load_model,
+    shorten,
+)
 from sim2real.diagnosis.data.refuse import refuse_clock, refuse_loose_base
 from sim2real.diagnosis.data.states import with_states
 from sim2real.diagnosis.data.windows import Joint, Window, cut
@@ -173,7 +179,7 @@ class Data:
         """Return the data with models that take time steps half as long."""
         specs = tuple(spec.copy() for spec in self.specs)
         for spec in specs:
-            spec.option.timestep /= 2
+            shorten(spec, 2)
         return replace(self, specs=specs, models=tuple(spec.copy().compile() for spec in specs))
 
 

@@ -1,15 +1,14 @@
-"""What is unknown of windows in addition to their noise: from their starts to usual errors.
+"""What is unknown of windows in addition to their noise: starts, clocks, time steps, usual errors.
 
     local, common = compute_unknowns(replayer, coarse, hypothesis, values)
 
 Each is one standard deviation of what it does to the errors, by finite differences under a
 hypothesis. A robot's clock and its model's differ by part of a time step, by chance in each window
 and by as much in all of them. A robot has no time steps: to first order, what a model's makes is
-twice what half of it changes (Richardson 1911, doi:10.1098/rsta.1911.0009). Dry friction holds a
-joint by bristles that bend before it slips, and nobody measured how far within a count of the
-encoder. Where joints stick or ring, both differ by window. Where a replay is further off than
-joints that stay, straight lines through it mean nothing: starts are then taken to move on freely,
-and no error of a parameter counts as usual.
+twice what half of it changes (Richardson 1911, doi:10.1098/rsta.1911.0009); where joints stick or
+ring, it is another in each window. Where a replay is further off than joints that stay, straight
+lines through it mean nothing: starts are then taken to move on freely, and no error of a parameter
+counts as usual.
 """
 
 import numpy as np
@@ -19,7 +18,6 @@ from sim2real.diagnosis.inference.fit import Fitter
 from sim2real.diagnosis.inference.hypotheses import NONE, Hypothesis
 from sim2real.diagnosis.inference.likelihood import Basis, Likelihood
 from sim2real.diagnosis.inference.replayer import Job, Replayer
-from sim2real.diagnosis.inference.usual import list_bristles
 
 FAINT = 0.1
 
@@ -39,9 +37,9 @@ def compute_unknowns(
         return cap_directions(replayer, replayer.ballistic()), none
     step = max(model.opt.timestep for model in replayer.data.models)
     clock = rounding(step) * base.slope[..., None]  # a command acts at the next step
-    chance = [of(replayer, job, base.error) for of in (estimate_step_error, estimate_presliding)]
+    stepping = estimate_step_error(replayer, job, base.error)[..., None]
     starts = coarse.starts(hypothesis, values)
-    local = np.concatenate([starts, clock, np.stack(chance, axis=-1), replayer.estimated], axis=-1)
+    local = np.concatenate([starts, clock, stepping, replayer.estimated], axis=-1)
     usual = coarse.usual(hypothesis, values)
     common = _largest(replayer, np.concatenate([usual, clock], axis=-1))
     return _principal(replayer, cap_directions(replayer, local)), cap_directions(replayer, common)
@@ -51,19 +49,6 @@ def estimate_step_error(replayer: Replayer, job: Job, error: np.ndarray) -> np.n
     """Return what no time step at all would add to a job's error, (W, N, M), to first order."""
     (halved,) = replayer.halved.replay([job])
     return 2 * (halved.error - error)
-
-
-def estimate_presliding(replayer: Replayer, job: Job, error: np.ndarray) -> np.ndarray:
-    """Return what bristles that bend by a count or noise would add to a job's error, (W, N, M)."""
-    data, hypothesis = replayer.data, job.hypothesis
-    bends = np.maximum(replayer.count, replayer.noise) * data.scale
-    known = [member.effect for member in hypothesis.effects]
-    bent = list(list_bristles(data, bends, [*known, *(effect for effect, _ in replayer.fixed)]))
-    place = sum(len(member.neutral) for member in hypothesis.effects)
-    values = np.insert(job.values, [place] * len(bent), 0.0, axis=1)
-    bending = Hypothesis((*hypothesis.effects, *bent, *hypothesis.changes))
-    (made,) = replayer.replay([Job(bending, values, job.windows)])
-    return made.error - error
 
 
 def make_fitter(

@@ -79,7 +79,7 @@ def test_a_hidden_effect_is_named_with_its_value(excluded: tuple[str, ...]) -> N
     assert cause.value_ci[0] <= 0.02 <= cause.value_ci[1]
     assert cause.value == pytest.approx(0.02, rel=0.1)
     assert report.gap.closed is not None and report.gap.closed > 0.85
-    assert report.gap.after is not None and report.gap.after < 0.0027  # rad
+    assert report.gap.after is not None and report.gap.after < 0.0023  # rad
     assert report.gap.held_out
     assert sorted(SHARES) == SHARES
     assert SHARES[-1] == 1.0

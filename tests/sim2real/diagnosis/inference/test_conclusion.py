@@ -16,15 +16,12 @@ from tests.sim2real.diagnosis import arm
 NOISE, FRICTION = 3e-4, 0.12
 
 
-def concluded(log: Log, folder: Path, *labels: str, robot: bool = True) -> Conclusion:
-    """Return the conclusion on a log, changes of these labels alone being looked at.
-
-    Without a `robot` that may be other than its model, nothing may have pushed it either.
-    """
+def concluded(log: Log, folder: Path, *labels: str) -> Conclusion:
+    """Return the conclusion on a log, changes of these labels alone being looked at."""
     data, rng = arm.data_of(log, folder), np.random.default_rng(0)
     judge = Judge(data, rng=rng)
     baseline = Baseline.of(judge.replayer, rng)
-    return make_conclusion(judge.judge(Vocabulary(data, robot=robot, only=labels)), baseline, rng)
+    return make_conclusion(judge.judge(Vocabulary(data, only=labels)), baseline, rng)
 
 
 @pytest.fixture(scope="module")
@@ -73,11 +70,10 @@ def test_a_report_of_any_kind_survives_its_file(tmp_path: Path) -> None:
 
 
 def test_what_is_left_is_told_with_its_joint_and_its_time(tmp_path: Path) -> None:
-    """A joint that something moves for a fifth of a second, and nothing that may have done so."""
+    """A reading that jumps for some hundredths of a second, as no law and no push moves a joint."""
     log = arm.make_log(noise=NOISE)
-    bump = 0.1 * np.exp(-(((log.time - 5.1) / 0.05) ** 2))
-    moved = Log({**log.columns, "qpos.a": log.columns["qpos.a"] + bump})
-    made = concluded(moved, tmp_path, robot=False)
+    bump = 0.1 * np.exp(-(((log.time - 5.1) / 0.02) ** 2))
+    made = concluded(Log({**log.columns, "qpos.a": log.columns["qpos.a"] + bump}), tmp_path)
     assert made.report.verdict == "unexplained"
     assert made.report.causes == ()
     text = made.report.unexplained.structure

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hardware.log import Log
 from sim2real.diagnosis.inference import unknowns
-from sim2real.diagnosis.inference.candidates import candidates
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.judge import Judge
 from sim2real.diagnosis.inference.replayer import Job
@@ -54,9 +54,13 @@ def test_longer_steps_are_taken_where_they_change_little(
     assert (chosen.data.models[0].opt.timestep > judge.data.models[0].opt.timestep) == longer
 
 
-def test_what_time_steps_make_is_twice_what_half_of_them_changes(tmp_path: Path) -> None:
-    """An eighth of a step leaves an eighth of it, as an integrator of first order does."""
-    judge = Judge(arm.data_of(arm.make_log(noise=NOISE), tmp_path))
+@pytest.mark.parametrize("delay", [0.0, 0.04])
+def test_what_time_steps_make_is_twice_what_half_of_them_changes(
+    delay: float, tmp_path: Path
+) -> None:
+    """An eighth of a step leaves an eighth of it; a bus that takes its time takes as long."""
+    log = arm.make_log(noise=NOISE)
+    judge = Judge(arm.data_of(Log(log.columns, {"command_delay": delay}), tmp_path))
     replayer = judge.replayer
     job = Job(Hypothesis(()), np.zeros((len(judge.fold), 0)), replayer.every)
     (base,) = replayer.replay([job])
@@ -64,23 +68,3 @@ def test_what_time_steps_make_is_twice_what_half_of_them_changes(tmp_path: Path)
     change, own = finer.error - base.error, unknowns.estimate_step_error(replayer, job, base.error)
     assert np.abs(change[replayer.used]).max() > 0.1 * replayer.noise.min()
     np.testing.assert_allclose(change, 7 / 8 * own, atol=0.03 * np.abs(own).max())
-
-
-def test_joints_yield_by_a_count_before_they_slip(tmp_path: Path) -> None:
-    """A joint that does so follows what is rigid and this together; without friction none does."""
-    bend, rubs = 3e-3, ("coulomb_friction", {"where": "b"}, 0.12)
-    bristles = "stribeck_friction", {"where": "b", "bristle": bend}, 0.0
-    judge = Judge(arm.data_of(arm.make_log(rubs, bristles, noise=NOISE), tmp_path))
-    replayer, count = judge.replayer, len(judge.fold)
-    replayer.count[:] = bend
-    (member,) = [m for m in candidates(judge.data) if m.label == "coulomb_friction.b"]
-
-    def left(friction: float) -> float:
-        job = Job(Hypothesis((member,)), np.full((count, 1), friction), replayer.every)
-        (base,) = replayer.replay([job])
-        bent = base.error + unknowns.estimate_presliding(replayer, job, base.error)
-        rigid, yielding = (np.square(e[replayer.used][:, 1]).sum() for e in (base.error, bent))
-        return float(yielding / rigid)
-
-    assert left(0.12) < 0.5
-    assert left(0.0) == pytest.approx(1.0, abs=1e-6)
