@@ -127,6 +127,7 @@ def run_diagnosis(
     numerics = null_test(prepared.logs, prepared.specs, fixed, settings)
     on_progress("telling what was found", TELLING)
     inputs = _inputs(data, found.judgement.judge.fold, model, seed, exclude)
+    inputs["windows"] = f"{len(data.windows)} of {len(prepared.data.windows)}"
     inputs["physics steps"] = work.steps
     if interface.verdict is not None:
         inputs["policy's interface"] = interface.verdict.replace("_", " ")
@@ -191,7 +192,6 @@ def _inputs(
         "versions": {"sim2real": metadata.version("sim2real"), "mujoco": mujoco.__version__},
         "robots": sorted({str(log.meta["robot"]) for log in data.logs if log.meta.get("robot")}),
         "sha256": {path: _sha256(Path(path)) for path in paths if Path(path).is_file()},
-        "windows": len(data.windows),
         "folds": _folds(data, fold),
         "link": links(data.logs),
     }

@@ -78,6 +78,7 @@ def _judge(
     """Return the gap as given in some windows, and the judgement on it; see `Vocabulary`."""
     trusted = about.restart is not None
     data = data if trusted else skip_ends(data)
+    data = spread_windows(data, data.settings.inference.judged_s)
     judge = Judge(data, about.fixed, about.rng, about.work, about.moving)
     baseline = Baseline.of(judge.replayer, about.rng)
     vocabulary = Vocabulary(data, about.exclude, about.fixed, log=not trusted, only=only)
@@ -96,12 +97,17 @@ def find_mistakes(data: Data, fixed: Sequence[Fixed] = ()) -> list[str]:
         Sim2RealError: a model that cannot follow the logs.
     """
     brief = replace(data.settings.inference, members_max=1, refits=data.settings.inference.alike)
-    data = _few(skip_ends(data))
+    data = spread_windows(skip_ends(data), brief.first_s)
     data = replace(data, settings=replace(data.settings, inference=brief))
     judge = Judge(data, fixed)
     if judge.explains(judge.given):
         return []
-    tried = judge.find(Vocabulary(data, robot=False))
+    vocabulary = Vocabulary(data, robot=False)
+    errors, joints = judge.replay_errors(judge.given), [joint.name for joint in data.joints]
+    near = judge.search.list_closing(vocabulary.list_starts(errors, joints))
+    if not near:
+        return []
+    tried = judge.find(Vocabulary(data, robot=False, only=near))
     if not judge.is_enough(judge.choose(tried)):
         return []
     judgement = judge.conclude(tried)
@@ -112,10 +118,10 @@ def find_mistakes(data: Data, fixed: Sequence[Fixed] = ()) -> list[str]:
     return [change.mending(best.mean[column]) for change, column in pairs]
 
 
-def _few(data: Data) -> Data:
-    """Return some windows, evenly spread over all."""
+def spread_windows(data: Data, seconds: float) -> Data:
+    """Return windows of so many seconds in all, but at least `FEWEST`, evenly spread over all."""
     lengths = [float(np.ptp(window.sample)) for window in data.windows]
-    most = max(int(data.settings.inference.first_s / np.mean(lengths)), FEWEST)
+    most = max(int(seconds / np.mean(lengths)), FEWEST)
     if len(lengths) <= most:
         return data
     return data.only(np.unique(np.linspace(0, len(lengths) - 1, most).round().astype(int)))

@@ -67,6 +67,19 @@ def pick_closest(fitter: Fitter, base: Fit, lines: Sequence[Line], most: int) ->
     return [join_lines(base, [line], [1.0]) for line in _pick(nearest, most)]
 
 
+def list_closing(fitter: Fitter, base: Fit, lines: Sequence[Line]) -> list[str]:
+    """Return the labels of changes that may close most of the gap, each along one of its lines."""
+    weight, found = fitter.replayer.used[..., None] / fitter.replayer.noise, dict[str, None]()
+    errors = weight * base.own
+    for line in lines:
+        change = weight * line.change
+        scale = -(change * errors).sum() / max(float(np.square(change).sum()), TINY)
+        left = errors + np.clip(scale, *_reach(line.member)) * change
+        if np.square(left).sum() <= (1 - fitter.settings.most) * np.square(errors).sum():
+            found[line.member.label] = None
+    return list(found)
+
+
 def pick_alike(
     fitter: Fitter, best: Fit, rest: Fit, lines: Sequence[Line], most: int
 ) -> list[Start]:

@@ -32,6 +32,7 @@ from sim2real.diagnosis.inference.moves import (
 from sim2real.diagnosis.inference.replayer import Replayer
 from sim2real.diagnosis.inference.screen import (
     Line,
+    list_closing,
     list_promising,
     pick_alike,
     pick_closest,
@@ -69,6 +70,11 @@ class Search:
             self.quick.anchor(best)
             self.glance.anchor(best)
         return best
+
+    def list_closing(self, starts: Sequence[Start]) -> list[str]:
+        """Return the labels of changes that may close most of the gap by themselves."""
+        (base,) = self.glance.fit([restart(self._judge.given)], rounds=0)
+        return list_closing(self.glance, base, trace_lines(self.glance, base, starts))
 
     def refine(self, best: Fit, starts: Sequence[Start], tried: dict[str, Fit]) -> None:
         """Fit what promises most with the best into what was tried; pairs if no change does.

@@ -72,6 +72,11 @@ class Inference:
     ridge: float = setting(
         1e-9, "term added to a curvature matrix, relative to its diagonal", ROUNDING
     )
+    judged_s: float = setting(
+        90.0,
+        "total length of the windows that are judged, evenly spread over longer recordings",
+        COST,
+    )
     glance_s: float = setting(
         15.0, "total length of the screened windows, at most half of all windows", COST
     )

@@ -1,6 +1,8 @@
 """A whole diagnosis that the likelihood decides: files, and kinds of causes in them."""
 
 import json
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,9 +12,19 @@ import yaml
 
 from hardware.log import Log
 from sim2real.diagnosis.data.dataset import Data
+from sim2real.diagnosis.data.progress import Moving
+from sim2real.diagnosis.data.simulate import Work
 from sim2real.diagnosis.diagnose import run_diagnosis
-from sim2real.diagnosis.inference import judge, search
-from sim2real.diagnosis.inference.run import FEWEST, find_mistakes
+from sim2real.diagnosis.inference import judge, run, search
+from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
+from sim2real.diagnosis.inference.run import (
+    FEWEST,
+    About,
+    find_causes,
+    find_mistakes,
+    spread_windows,
+)
+from sim2real.diagnosis.inference.screen import Line
 from sim2real.diagnosis.inference.vocabulary import Vocabulary
 from sim2real.diagnosis.outcome import final_message, write
 from tests.sim2real.diagnosis import arm
@@ -69,14 +81,53 @@ def test_a_first_look_at_a_log_without_a_gap_tries_no_mistake(
     assert find_mistakes(Data.of([arm.make_log(noise=3e-4)], arm.model(tmp_path))) == []
 
 
+def test_a_first_look_fits_no_mistake_that_cannot_close_the_gap(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Friction is no late row, nor anything else that can be wrong with a log."""
+    monkeypatch.setattr(judge.Judge, "find", _refuse)
+    log = arm.make_log(("coulomb_friction", {"where": "b"}, 0.12), noise=3e-4)
+    assert find_mistakes(Data.of([log], arm.model(tmp_path))) == []
+
+
 def test_a_first_look_seeks_one_mistake_that_closes_the_gap(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of two a diagnosis finds both; what does not explain the gap is compared with nothing."""
+    tried = list[str]()
+    trace = search.trace_lines
+
+    def look(fitter: Fitter, base: Fit, starts: Sequence[Start]) -> list[Line]:
+        tried.extend(start.hypothesis.label for start in starts)
+        return trace(fitter, base, starts)
+
+    monkeypatch.setattr(search, "trace_lines", look)
     monkeypatch.setattr(search, "pick_pairs", _refuse)
     monkeypatch.setattr(judge.Judge, "conclude", _refuse)
-    log = arm.make_log(("coulomb_friction", {"where": "b"}, 0.12), noise=3e-4)
+    log = arm.make_log(("position_gain", {"where": "b"}, 0.4), noise=3e-4)
     assert find_mistakes(Data.of([log], arm.model(tmp_path))) == []
+    assert max(Counter(tried).values()) == 2  # a weak gain lags as late rows do: those were fitted
+
+
+def test_what_is_judged_of_long_logs_is_spread_evenly(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A diagnosis takes as long as its setting allows; nothing is left out of shorter logs."""
+    data = Data.of([arm.make_log(seconds=40.0, noise=3e-4)], arm.model(tmp_path))
+    assert spread_windows(data, data.settings.inference.judged_s) is data
+    few = replace(data.settings.inference, judged_s=20.0)
+    data = replace(data, settings=replace(data.settings, inference=few))
+    judged = list[Data]()
+    monkeypatch.setattr(run, "Judge", lambda data, *_: judged.append(data) or _refuse())
+    rest = np.random.default_rng(0), Moving(lambda text, share: None), Work()
+    with pytest.raises(AssertionError):
+        find_causes(About(data, (), (), *rest))
+    starts = [window.start for window in data.windows]
+    places = np.searchsorted(starts, [w.start for w in judged[0].windows], side="right") - 1
+    seconds = sum(np.ptp(window.sample) for window in judged[0].windows)
+    assert 15.0 < seconds <= 20.0
+    assert [places[0], places[-1]] == [0, len(starts) - 1]
+    assert np.ptp(np.diff(places)) <= 1
 
 
 def test_pushes_are_not_sought_where_the_robot_is_left_out(

@@ -21,6 +21,7 @@ from sim2real.diagnosis.inference.moves import (
 from sim2real.diagnosis.inference.score import FOLDS
 from sim2real.diagnosis.inference.screen import (
     Line,
+    list_closing,
     list_promising,
     pick_alike,
     pick_closest,
@@ -67,6 +68,25 @@ def test_the_true_change_promises_most_at_about_its_value(
     assert first.hypothesis.label == best.member.label
     values = first.points[:, 0, 0]
     assert np.abs(values - 0.12).min() < 0.06
+
+
+def test_only_what_may_close_most_of_the_gap_is_looked_at(
+    traced: tuple[Judge, list[Line]],
+) -> None:
+    """The true change may, and what takes away half of the squared errors; its rest may not."""
+    judge, lines = traced
+    glance = judge.search.glance
+    (base,) = glance.fit([restart(judge.given)], rounds=0)
+    true = next(line for line in lines if line.member.label == "coulomb_friction.b")
+    assert list_closing(glance, base, [true]) == [true.member.label]
+    weight = glance.replayer.used[..., None] / glance.replayer.noise
+    squares = np.square(weight * base.own).sum(axis=(1, 2))
+    order = np.argsort(squares)
+    most = order[np.cumsum(squares[order]) > squares.sum() / 2]  # more than half, or just that
+    for windows, found in ((most, [true.member.label]), (np.setdiff1d(order, most)[:-1], [])):
+        own = np.isin(np.arange(len(squares)), windows)[:, None, None]
+        line = true._replace(change=np.where(own, -2.0 * base.own, 0.0))
+        assert list_closing(glance, base, [line]) == found
 
 
 def test_pairs_promise_no_less_than_their_best_member(traced: tuple[Judge, list[Line]]) -> None:
