@@ -17,13 +17,13 @@ from sim2real.diagnosis.inference.baseline import Baseline
 from sim2real.diagnosis.inference.candidates import Candidate
 from sim2real.diagnosis.inference.deviations import find_deviations
 from sim2real.diagnosis.inference.distance import compute_separation
+from sim2real.diagnosis.inference.events import EVENTS, GLITCH, PART, Event
 from sim2real.diagnosis.inference.fit import Fit
 from sim2real.diagnosis.inference.hypotheses import Member, get_effect, get_kind
 from sim2real.diagnosis.inference.intervals import compute_intervals
 from sim2real.diagnosis.inference.judge import Judgement
 from sim2real.diagnosis.inference.log_change import LogChange
 from sim2real.diagnosis.inference.moves import is_part
-from sim2real.diagnosis.inference.pushes import PART, Pushed
 from sim2real.diagnosis.inference.remainder import describe_remainder
 from sim2real.diagnosis.schema import Cause, Equivalent, GapMetrics, JointGap, Report, Unexplained
 from sim2real.diagnosis.settings import TINY
@@ -122,12 +122,12 @@ def _report(
     none, left = verdict == "no_gap", verdict not in ("no_gap", "explained")
     size = None if none else baseline.blocks.rms(after)
     numbers = (None, None) if none else (share, ci)
-    pushes = [_push(judgement, push) for push in judgement.pushes]
+    events = [_event(judgement, event) for event in judgement.events]
     return Report(
         verdict,
         GapMetrics(baseline.data.unit, baseline.before, size, baseline.floor, *numbers, True),
         where,
-        (*causes, *pushes),
+        (*causes, *events),
         Unexplained(
             0.0 if none else float(np.clip(1 - share, 0.0, 1.0)),
             describe_remainder(judgement) if left else "none",
@@ -145,41 +145,46 @@ def _ladder(baseline: Baseline, best: Fit, after: np.ndarray | None) -> tuple[Ru
     return (*rungs, Rung("noise floor", floor, (floor, floor)))
 
 
-def _push(judgement: Judgement, push: Pushed) -> Cause:
-    """Return a push as a cause: not what it closes is known, but that most of the rest is its."""
-    data = judgement.judge.data
-    joint = next(joint for joint in data.joints if joint.name == push.joint)
-    value, settings = push.torque, judgement.judge.settings
-    instead = dict.fromkeys(_list_instead(judgement, push))
+def _event(judgement: Judgement, event: Event) -> Cause:
+    """Return an event as a cause: not what it closes is known, but that most of the rest is its."""
+    data, settings = judgement.judge.data, judgement.judge.settings
+    joint = next(joint for joint in data.joints if joint.name == event.joint)
+    glitch, (start, end) = event.effect == GLITCH, event.seconds
+    force = "N·m" if joint.unit == "rad" else "N"
+    instead = dict.fromkeys(_list_instead(judgement, event))
+    rows = f"qpos.{joint.name}: leave out {start:.2f} to {end:.2f} s of episode {event.episode}"
     return Cause(
-        "push",
-        push.joint,
+        event.effect,
+        event.joint,
         None,
-        value,
-        (min(value, 0.0), max(value, 0.0)),
-        "N·m" if joint.unit == "rad" else "N",
-        {"episode": push.episode},
+        event.size,
+        (min(event.size, 0.0), max(event.size, 0.0)),
+        joint.unit if glitch else force,
+        {"episode": event.episode},
         1 - settings.level,
         0.0,
         equivalent=tuple(instead)[: settings.equivalents_max - 1],
-        kind="world",
-        seconds=push.seconds,
+        kind=EVENTS[event.effect],
+        seconds=event.seconds,
+        remedy=rows if glitch else None,
     )
 
 
-def _list_instead(judgement: Judgement, push: Pushed) -> Iterator[Equivalent]:
-    """Yield changes that leave as little of a push's window, once they are fitted to it.
+def _list_instead(judgement: Judgement, event: Event) -> Iterator[Equivalent]:
+    """Yield what else an event may be: one of the other kind, or what leaves as little of it.
 
     What acts at one moment only, as a torque beyond a speed that is reached once, predicts no other
-    stretch: whether it was that or a push, these recordings do not tell.
+    stretch: whether it was that or a push, these recordings do not tell once it is fitted to it.
     """
+    if event.rival is not None:
+        yield Equivalent(event.rival, event.joint, kind=EVENTS[event.rival])
     judge, best = judgement.judge, judgement.best
-    most = (1 - PART) * judge.excess(best.held)[push.window].sum()
+    most = (1 - PART) * judge.excess(best.held)[event.window].sum()
     kept = {member.label for member in best.hypothesis.members}
     for rival in judgement.rivals:
         added = [member for member in rival.hypothesis.members if member.label not in kept]
         one_more = is_part(best.hypothesis, rival.hypothesis) and len(added) == 1
-        if one_more and judge.excess(rival.own)[push.window].sum() <= most:
+        if one_more and judge.excess(rival.own)[event.window].sum() <= most:
             yield Equivalent(added[0].name, added[0].place, kind=get_kind(added[0]))
 
 

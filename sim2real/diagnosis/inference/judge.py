@@ -26,6 +26,7 @@ from sim2real.diagnosis.inference.criteria import Criteria
 from sim2real.diagnosis.inference.decision import Standing, compute_posterior, decide_verdict
 from sim2real.diagnosis.inference.distance import share_joint, stands_alone
 from sim2real.diagnosis.inference.episodes import follows_episodes
+from sim2real.diagnosis.inference.events import Event, find_events
 from sim2real.diagnosis.inference.fit import Fit, Fitter, Start
 from sim2real.diagnosis.inference.hypotheses import NONE, Hypothesis
 from sim2real.diagnosis.inference.likelihood import Basis
@@ -37,7 +38,6 @@ from sim2real.diagnosis.inference.moves import (
     rank_fits,
     restart,
 )
-from sim2real.diagnosis.inference.pushes import Pushed, find_pushes
 from sim2real.diagnosis.inference.replayer import Job, Replayer
 from sim2real.diagnosis.inference.score import FOLDS, Bootstrap, deal_folds
 from sim2real.diagnosis.inference.search import Search, is_better, keep_better
@@ -57,7 +57,7 @@ class Judgement:
     best: Fit  # the explanation; the model as given where there is none
     given: Fit  # the model as given
     rivals: tuple[Fit, ...]  # other explanations that were fitted to the end, the best first
-    pushes: tuple[Pushed, ...]  # torques that act for a moment and hold most of what is left
+    events: tuple[Event, ...]  # that happen once and hold most of what is left
     probability: np.ndarray  # (1 + n,) of the best and of each rival
     unknown: float  # probability of a law that is not in the vocabulary
     imitators: tuple[Fit, ...]  # explanations with an effect that is excluded, which do as well
@@ -203,15 +203,15 @@ class Judge(Criteria):
             best, tried = self._refit(best, tried)
         fits = [self._judge_apart(fit, best) for fit in self.fitter.fit(map(restart, imitators))]
         imitators = [fit for fit in fits if not self.distance.distinguishes(best, fit)]
-        verdict, pushes = self._decide(best, tried, not imitators), ()
+        verdict, events = self._decide(best, tried, not imitators), ()
         if verdict != "explained" and self.explains(self.given):
             best, verdict = self.given, "no_gap"  # what explains a part of no gap is no cause
         left = self.left(best)
         causes = self._world and (verdict != "unexplained" or best is self.given)
         if causes and left.whole > self.settings.equivalence_tolerance:
             beyond = (self.excess(fit.held) for fit in (best, self.given))
-            pushes = find_pushes(self.fitter, best, *beyond)
-            verdict = "partly_explained" if pushes else verdict
+            events = find_events(self.fitter, best, *beyond)
+            verdict = "partly_explained" if events else verdict
         rivals = rank_fits([f for f in tried.values() if f is not best and f.hypothesis.members])
         chances, unknown = compute_posterior(
             [(fit.total - self.given.total) / self.rows for fit in (best, *rivals)],
@@ -219,7 +219,7 @@ class Judge(Criteria):
             left.gain.total * len(self.most),
             self.settings,
         )
-        known = verdict, best, self.given, tuple(rivals), pushes, chances, unknown
+        known = verdict, best, self.given, tuple(rivals), events, chances, unknown
         return Judgement(*known, tuple(imitators), self)
 
     def _decide(self, best: Fit, tried: dict[str, Fit], alone: bool) -> Verdict:

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sim2real.diagnosis.inference.events import PART
 from sim2real.diagnosis.inference.judge import Judgement
-from sim2real.diagnosis.inference.pushes import PART
 
 STRETCHES = (0.25, 0.5, 1.0, 2.0, 4.0)  # s: lengths of such stretches
 

@@ -69,6 +69,21 @@ def test_a_report_of_any_kind_survives_its_file(tmp_path: Path) -> None:
     assert Report.from_json(made.report.to_json()).causes[0].kind == "log"
 
 
+def test_readings_that_are_off_for_a_moment_are_to_be_left_out(tmp_path: Path) -> None:
+    """They are a mistake of the log, with its joint and moment; nothing is written as an effect."""
+    log = arm.make_log(noise=NOISE)
+    off = np.where((log.time >= 5.0) & (log.time <= 5.2), 0.1, 0.0)
+    made = concluded(Log({**log.columns, "qpos.a": log.columns["qpos.a"] + off}), tmp_path)
+    assert made.report.verdict == "partly_explained"
+    (cause,) = made.report.causes
+    assert (cause.kind, cause.effect, cause.where, cause.equivalent) == ("log", "glitch", "a", ())
+    assert (cause.value, cause.unit) == (pytest.approx(0.1, rel=0.1), "rad")
+    assert cause.seconds == pytest.approx((5.0, 5.2), abs=0.05)
+    start, end = (f"{moment:.2f}" for moment in cause.seconds or ())
+    assert cause.remedy == f"qpos.a: leave out {start} to {end} s of episode 0"
+    assert made.found == ()
+
+
 def test_what_is_left_is_told_with_its_joint_and_its_time(tmp_path: Path) -> None:
     """A reading that jumps for some hundredths of a second, as no law and no push moves a joint."""
     log = arm.make_log(noise=NOISE)

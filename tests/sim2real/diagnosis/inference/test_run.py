@@ -134,7 +134,7 @@ def test_pushes_are_not_sought_where_the_robot_is_left_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """They are no mistake of the log."""
-    monkeypatch.setattr(judge, "find_pushes", _refuse)
+    monkeypatch.setattr(judge, "find_events", _refuse)
     log = arm.make_log(("coulomb_friction", {"where": "b"}, 0.12), noise=3e-4)
     data = Data.of([log], arm.model(tmp_path))
     first, shifts = judge.Judge(data), ["log.row_shift.ctrl.b", "log.row_shift.qpos.b"]

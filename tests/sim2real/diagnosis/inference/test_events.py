@@ -1,4 +1,4 @@
-"""A push that no command tells: where, when and how hard."""
+"""A push that no command tells, and readings that are off for a moment: where, when, how much."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +11,8 @@ from envs.replay import rollout
 from hardware.log import Log
 from sim2real.diagnosis.inference.baseline import Baseline
 from sim2real.diagnosis.inference.conclusion import make_conclusion
+from sim2real.diagnosis.inference.events import GLITCH, PUSH, Event, Push, find_events
 from sim2real.diagnosis.inference.judge import Judge
-from sim2real.diagnosis.inference.pushes import Push, Pushed, find_pushes
 from sim2real.diagnosis.inference.vocabulary import Vocabulary
 from tests.sim2real.diagnosis import arm
 
@@ -33,21 +33,33 @@ def pushed(torque: float) -> Log:
     return Log({**log.columns, **{f"qpos.{n}": path[:, i] for i, n in enumerate(arm.JOINTS)}})
 
 
-def found_by(judge: Judge) -> tuple[Pushed, ...]:
+def found_by(judge: Judge) -> tuple[Event, ...]:
     """Return the pushes in all that the model as given leaves."""
     left = judge.excess(judge.given.held)
-    return find_pushes(judge.fitter, judge.given, left, left)
+    return find_events(judge.fitter, judge.given, left, left)
 
 
 def test_a_push_is_located(tmp_path: Path) -> None:
     """At its joint, within a tenth of a second, about as hard as it was."""
     judge = Judge(arm.data_of(pushed(TORQUE), tmp_path))
     (found,) = found_by(judge)
-    assert found.joint == "b"
+    assert (found.effect, found.joint, found.rival) == (PUSH, "b", None)
     np.testing.assert_allclose(found.seconds, (START, END), atol=0.12)
-    impulse = found.torque * (found.seconds[1] - found.seconds[0])
+    impulse = found.size * (found.seconds[1] - found.seconds[0])
     assert impulse == pytest.approx(TORQUE * (END - START), rel=0.4)
     assert found.evidence > 100
+
+
+@pytest.mark.parametrize("width", [0.02, 0.1, 0.3])
+def test_readings_that_jump_and_jump_back_are_no_push(width: float, tmp_path: Path) -> None:
+    """No torque moves a joint at once; where, when and by how much they are off is known."""
+    log = arm.make_log(noise=NOISE)
+    bump = np.where((log.time >= 5.0) & (log.time <= 5.0 + width), -0.1, 0.0)
+    wrong = Log({**log.columns, "qpos.a": log.columns["qpos.a"] + bump})
+    (found,) = found_by(Judge(arm.data_of(wrong, tmp_path)))
+    assert (found.effect, found.joint, found.rival) == (GLITCH, "a", None)
+    np.testing.assert_allclose(found.seconds, (5.0, 5.0 + width), atol=0.05)
+    assert found.size == pytest.approx(-0.1, rel=0.1)
 
 
 def test_no_push_is_no_evidence(tmp_path: Path) -> None:
@@ -73,8 +85,8 @@ def test_a_push_that_holds_little_of_the_gap_is_no_cause(tmp_path: Path) -> None
     small = replace(judge.given, held=judge.given.held / 3)
     left, whole = judge.excess(small.held), judge.excess(judge.given.held)
     assert 0 < left.sum() < whole.sum() / 9
-    assert find_pushes(judge.fitter, small, left, left)
-    assert not find_pushes(judge.fitter, small, left, whole)
+    assert find_events(judge.fitter, small, left, left)
+    assert not find_events(judge.fitter, small, left, whole)
 
 
 def test_a_judgement_names_a_push(tmp_path: Path) -> None:
@@ -83,7 +95,7 @@ def test_a_judgement_names_a_push(tmp_path: Path) -> None:
     judgement = Judge(data).judge(
         Vocabulary(data, only=["coulomb_friction.a", "viscous_friction.b"])
     )
-    assert [one.joint for one in judgement.pushes] == ["b"]
+    assert [one.joint for one in judgement.events] == ["b"]
     assert judgement.verdict == "partly_explained"
 
 
