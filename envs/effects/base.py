@@ -254,14 +254,14 @@ class Effect:
     def variants(cls, scale: RobotScale) -> list[dict[str, Any]]:
         """Return the arguments other than `where` that a search tries.
 
-        All sides are tried, with the fitted extras free. Required extras are taken from the robot;
-        if one is unknown, nothing is returned.
+        All sides are tried, with the fitted extras free but those for later. Required extras are
+        taken from the robot; if one is unknown, nothing is returned.
         """
         needed = [e.name for e in cls.extras if e.default is None]
         if not scale.known.keys() >= set(needed):
             return []
         more: dict[str, Any] = {name: scale.known[name] for name in needed}
-        if free := tuple(e.name for e in cls.extras if e.fit is not None):
+        if free := tuple(e.name for e in cls.extras if e.fit is not None and not e.later):
             more["free"] = free
         return [{"side": side, **more} for side in cls.sides] or [more]
 

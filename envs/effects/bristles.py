@@ -17,16 +17,34 @@ for any stiffness. Under `RK4`, which does not, bristles stiffer than the step c
 stiffest that it can.
 """
 
+from __future__ import annotations
+
 import mujoco
 import numpy as np
 
+from envs.effects.base import Effect
 from envs.effects.bound import SubstepRule
+from envs.effects.extras import Extra
 from envs.effects.places import Block, block, spaced
 from envs.effects.plant_view import PlantView
 from envs.physics.arrays import Array
 
 STABLE = 0.25  # largest (dt w)² of bristles under an explicit integration
 AT_REST = 1e-3  # rad/s: a joint that starts slower than this is held by its bristles
+BRISTLE, RATIO = "bristle", "ratio"
+EXTRAS = (  # of an effect whose dry friction can act through bristles
+    Extra(
+        BRISTLE,
+        "rad",
+        0.0,
+        0.0,
+        0.1,
+        "elastic displacement of the joint before it breaks away; 0: rigid",
+        fit=(0.0, 0.02),
+        later=True,
+    ),
+    Extra(RATIO, "", 0.5, 0.0, 2.0, "damping ratio of the bristles; table I of the LuGre paper"),
+)
 LEAST = 1e-12  # N·m: a joint without friction has no bristles
 
 
@@ -59,6 +77,16 @@ class Bristles(SubstepRule):
         self._stiffest = STABLE * self._inertia / self._dt**2 if explicit else np.inf
         self._z, self._decay = (self._arrays.zeros(shape) for _ in range(2))  # rad, 1/s
         self._running = self._arrays.zeros(plant.num_rows, bool)
+
+    @classmethod
+    def of(cls, plant: PlantView, effect: Effect, dofs: np.ndarray) -> Bristles:
+        """Return the bristles of an effect at k joints, made once."""
+        return plant.shared_mechanism(f"{effect.label()} bristles", lambda: cls(plant, dofs))
+
+    def take(self, effect: Effect, ids: np.ndarray, values: np.ndarray) -> None:
+        """Be as an effect with `EXTRAS` says, under values (n, P) of the rows ids."""
+        self.bend[ids, 0] = effect.scalar(BRISTLE, values)
+        self.ratio[ids, 0] = effect.scalar(RATIO, values)
 
     def reset(self, ids: np.ndarray, seeds: np.ndarray) -> None:
         """Let the first substep find what bends the bristles."""
@@ -100,3 +128,8 @@ class Bristles(SubstepRule):
         xp = self._xp
         held = xp.minimum(xp.maximum(self._smooth[at], -level), level)
         return xp.where(xp.abs(speed) < AT_REST, held, xp.sign(speed) * level) / stiffness
+
+
+def has_bristles(effect: Effect) -> bool:
+    """Return whether an effect with `EXTRAS` has bristles that bend, or may have them."""
+    return effect.extra[BRISTLE] > 0 or BRISTLE in effect.free

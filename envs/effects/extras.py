@@ -21,6 +21,8 @@ class Extra(NamedTuple):
     # what real robots show; the exam's search for rivals goes through all of it. None: it stays
     # constant there.
     typical: tuple[float, float] | None = None
+    # whether it is fitted only once the effect is part of an answer; such extras come last
+    later: bool = False
 
 
 def phase(about: str) -> Extra:

@@ -11,13 +11,15 @@ from typing import ClassVar
 import mujoco
 import numpy as np
 
-from envs.effects.base import Sizes
+from envs.effects.base import PLAIN, RULES, Sizes
 from envs.effects.bound import BoundEffect
+from envs.effects.bristles import EXTRAS as BRISTLES
+from envs.effects.bristles import Bristles, has_bristles
 from envs.effects.field import FieldBound, FieldEffect
 from envs.effects.places import joints
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import FASTEST, RobotScale
-from envs.params import How
+from envs.params import How, Parameter
 
 # The engine's default friction creeps: 1.4 degrees in 10 s under three quarters of its torque.
 STIFF_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
@@ -77,21 +79,28 @@ class _Coulomb(BoundEffect):
     """See `CoulombFriction`."""
 
     def __init__(self, plant: PlantView, effect: CoulombFriction) -> None:
-        (parameter,) = effect.parameters(plant.model)
+        parameter, *_ = effect.parameters(plant.model)
         elements = effect.elements(plant.model)
         self._loss = FieldBound(plant.field(effect.field), elements, parameter)
         self._grip, self._neutral = NoCreepFriction(plant, effect.where), parameter.neutral
+        self._effect, self._bristles = effect, None
+        if has_bristles(effect):
+            dofs = plant.model.jnt_dofadr[joints(plant.model, effect.where)]
+            self._bristles = Bristles.of(plant, effect, dofs)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         self._loss.write(ids, values)
         self._grip.hold(ids[values[:, 0] != self._neutral])
+        if self._bristles is not None:
+            self._bristles.take(self._effect, ids, values)
 
 
 class CoulombFriction(FieldEffect):
     """Dry friction: a torque that opposes motion at any speed; at rest, the joint sticks below it.
 
     With MuJoCo's default constraints, a loaded joint creeps against its dry friction; with this
-    effect, it sticks.
+    effect, it sticks. With `bristle` it yields elastically before it breaks away (LuGre model); all
+    dry friction of the joint then acts through the bristles.
     """
 
     name = "coulomb_friction"
@@ -99,6 +108,7 @@ class CoulombFriction(FieldEffect):
     unit = "N·m"
     hows: ClassVar[tuple[How, ...]] = ("add", "scale", "set")
     field = "dof_frictionloss"
+    extras = BRISTLES
     typical = (0.0, 0.2)
     display_name = "Coulomb friction"
     comparable = True
@@ -106,13 +116,26 @@ class CoulombFriction(FieldEffect):
     shared = True
     symptom = "the joint stops short of its goal from both sides, and sticks at every reversal"
     source = (
-        "tau = -K sgn(w), sticking below K; MuJoCo XML reference, joint/frictionloss, made stiff"
+        "tau = -K sgn(w), sticking below K; MuJoCo XML reference, joint/frictionloss, made stiff;"
+        " bristles: Canudas de Wit, Olsson, Åström, Lischinsky 1995"
     )
     experiment = "a slow ramp with reversals, and holds reached from both sides"
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Make the joint stick where it had no friction."""
         stiffen(spec, self.where)
+
+    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
+        """Return the friction, and what is free of its bristles."""
+        return (*super().parameters(model), *self.free_parameters())
+
+    def batch(self) -> str:
+        """Return the group of effects of model fields; bristles act between physics steps."""
+        return RULES if has_bristles(self) else PLAIN
+
+    def mjcf_limitation(self) -> str | None:
+        """Return that MJCF has no bristles, where they bend."""
+        return "MJCF has no friction that yields before it slips" if has_bristles(self) else None
 
     def bind(self, plant: PlantView) -> BoundEffect:
         """Write the friction loss, and let it stick where it is not the model's own."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from envs.effects.base import BOTH, RULES, Effect, Extra, Sizes
 from envs.effects.bound import SubstepRule
+from envs.effects.bristles import EXTRAS as BRISTLES
 from envs.effects.bristles import Bristles
 from envs.effects.friction import PARTS, NoCreepFriction, stiffen
 from envs.effects.places import block, joint_driven, joints
@@ -34,11 +35,15 @@ class _FrictionRule(SubstepRule):
         plant.live("dof_frictionloss")
         self.value = np.zeros((plant.num_rows, 1))
         self.qvel = plant.layout.raw_qvel
-        self.grip = NoCreepFriction(plant, where)
+        self.grip, self.bristles = (
+            NoCreepFriction(plant, where),
+            Bristles.of(plant, effect, self.dofs),
+        )
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         """Keep the coefficient of each row."""
         self.value[ids] = values[:, :1]
+        self.bristles.take(self.effect, ids, values)
         self.grip.hold(ids[values[:, 0] != 0])
 
     def prepare(self, ids: np.ndarray | slice) -> None:
@@ -70,16 +75,11 @@ class _Stribeck(_FrictionRule):
     def __init__(self, plant: PlantView, effect: Effect) -> None:
         super().__init__(plant, effect.where, effect)
         self.speed, self.shape = np.ones((plant.num_rows, 1)), np.ones((plant.num_rows, 1))
-        self.bristles = plant.shared_mechanism(
-            f"{effect.label()} bristles", lambda: Bristles(plant, self.dofs)
-        )
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         super().write(ids, values)
         self.speed[ids, 0] = self.effect.scalar("speed", values)
         self.shape[ids, 0] = self.effect.scalar("shape", values)
-        self.bristles.bend[ids, 0] = self.effect.scalar("bristle", values)
-        self.bristles.ratio[ids, 0] = self.effect.scalar("ratio", values)
 
     def prepare(self, ids: np.ndarray | slice) -> None:
         super().prepare(ids)
@@ -115,24 +115,10 @@ class StribeckFriction(_RuledFriction):
             typical=(0.1, 2.0),
         ),
         Extra("shape", "", 2.0, 0.1, 10.0, "the exponent of its decay: 1 exponential, 2 Gaussian"),
-        Extra(
-            "bristle",
-            "rad",
-            0.0,
-            0.0,
-            0.1,
-            "elastic displacement of the joint before it breaks away; 0: rigid",
-            fit=(0.0, 0.02),
-            typical=(0.0, 0.01),
-        ),
-        Extra(
-            "ratio",
-            "",
-            0.1,
-            0.0,
-            2.0,
-            "damping ratio of the bristles; 0.5 in the LuGre paper's table I",
-        ),
+        BRISTLES[0]._replace(
+            typical=(0.0, 0.01), later=False
+        ),  # it sticks and slips from the start
+        *BRISTLES[1:],
     )
     typical = (0.0, 0.15)
     display_name = "Stribeck friction"
@@ -221,6 +207,7 @@ class LoadDependentFriction(_RuledFriction):
             "fraction of the external torque that causes friction",
             fit=(0.0, 1.0),
         ),
+        *BRISTLES,
     )
     typical = (0.0, 0.35)
     no_mjcf = "MJCF has no friction that depends on the load"
@@ -282,6 +269,7 @@ class AsymmetricFriction(_RuledFriction):
             "fraction of the value by which the mean of both directions rises",
             fit=(0.0, 0.5),
         ),
+        *BRISTLES,
     )
     typical = (-0.1, 0.1)
     display_name = "asymmetric Coulomb friction"

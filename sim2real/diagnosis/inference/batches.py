@@ -36,11 +36,14 @@ class _Batch:
         self.parts: list[tuple[int, Rows]] = []
 
     def takes(self, one: Rows) -> bool:
-        """Return whether the set's effects stand in the same order here.
+        """Return whether the set's effects stand in the same order here, with the same values.
 
         What adds to a field, or multiplies it, depends on what came before.
         """
         place = {key: number for number, key in enumerate(self.members)}
+        labels = {m.effect.label(): m.effect.free for m in self.members.values()}
+        if any(labels.get(m.effect.label(), m.effect.free) != m.effect.free for m in one.members):
+            return False
         wanted = [place.get(_key(member), len(place)) for member in one.members]
         return wanted == sorted(wanted)
 

@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
@@ -59,7 +60,13 @@ class Candidate:
 
     @property
     def label(self) -> str:
-        """Name, place and side: what tells candidates apart."""
+        """Law, and what is fitted later and free: what tells candidates apart."""
+        later = [e.name for e in self.effect.extras if e.later and e.name in self.effect.free]
+        return f"{self.law} ({', '.join(later)})" if later else self.law
+
+    @property
+    def law(self) -> str:
+        """Name, place and side: a robot has each once."""
         variant = self.effect.variant
         return f"{self.effect.label()} ({variant})" if variant else self.effect.label()
 
@@ -70,6 +77,29 @@ class Candidate:
         A free base, which no hinge or slide moves, goes by its own name.
         """
         return (self.joint if self.effect.place == "body" else None) or self.effect.where
+
+    def elaborated(self) -> Candidate | None:
+        """Return it with what is fitted later free as well (`Extra.later`), each value at its end.
+
+        None where there is no such extra.
+        """
+        free = self.effect.free
+        later = [e for e in self.effect.extras if e.later and e.fit and e.name not in free]
+        if not later:
+            return None
+        effect = copy(self.effect)
+        effect.free = (*free, *(e.name for e in later))
+        absent = [effect.extra[e.name] for e in later]
+        low, high = np.transpose([e.fit for e in later if e.fit])
+        return replace(
+            self,
+            effect=effect,
+            probes=np.column_stack([self.probes, np.tile(absent, (len(self.probes), 1))]),
+            neutral=np.append(self.neutral, absent),
+            low=np.append(self.low, low),
+            high=np.append(self.high, high),
+            group=effect.batch(),
+        )
 
     @property
     def parts(self) -> tuple[Candidate, ...]:

@@ -106,6 +106,8 @@ class Judge(Criteria):
             self.search.refine(best, starts, tried)
             self._judge_mended(tried)
             before, best = best, self.choose(tried)
+            self.search.elaborate(best, tried)
+            best = self.choose(tried)
             if not self.is_enough(best):
                 self.search.untie(best, vocabulary.effects, tried)
                 self.search.look_closer(before, tried)

@@ -62,6 +62,11 @@ class LogChange:
         places = filter(None, (*self.joints, self.variant))
         return ".".join(["log", self.name, *self.columns, *places])
 
+    @property
+    def law(self) -> str:
+        """Its label: a log has each mistake once."""
+        return self.label
+
     def mended(self, log: Log, values: np.ndarray) -> Log:
         """Return a log without the mistake."""
         return Log({**log.columns, **self.mend(log, values)}, log.meta, log.path)

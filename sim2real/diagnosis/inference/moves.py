@@ -15,6 +15,7 @@ from sim2real.diagnosis.inference.log_change import LogChange
 from sim2real.diagnosis.inference.score import FOLDS
 from sim2real.diagnosis.inference.untied import Untied, untie
 
+LATER = (0.05, 0.2)  # shares of the range of what is fitted later: it is small, and 0 is no slope
 ALIKE = ("unit", "place", "where", "variant", "how")  # what laws of one kind have in common
 
 
@@ -39,7 +40,7 @@ def are_compatible(hypothesis: Hypothesis, member: Member) -> bool:
 
 
 def _compatible(one: Member, other: Member) -> bool:
-    if one.label == other.label:
+    if one.law == other.law:
         return False
     if isinstance(one, LogChange) and isinstance(other, LogChange):
         return not _is_made_twice(one, other)
@@ -132,6 +133,26 @@ def list_untied(fit: Fit, options: Sequence[Candidate]) -> list[Start]:
         if more is not None:
             point = np.tile(fit.mean[column], len(more.parts))
             found.append(_exchange(fit, place, more, point))
+    return found
+
+
+def list_elaborated(fit: Fit) -> list[Start]:
+    """Return a fit with the further values of a member that are fitted later, a member at a time.
+
+    They begin at some shares of what they may be, the others where they are.
+    """
+    found = []
+    for place, column in enumerate(fit.hypothesis.columns):
+        member = fit.hypothesis.members[place]
+        more = member.elaborated() if isinstance(member, Candidate) else None
+        if more is not None:
+            count = len(member.neutral)
+            ends = more.low[count:], more.high[count:]
+            points = [
+                np.append(fit.mean[column], ends[0] + s * np.ptp(ends, axis=0)) for s in LATER
+            ]
+            starts = [_exchange(fit, place, more, point) for point in points]
+            found.append(Start(starts[0].hypothesis, np.concatenate([s.points for s in starts])))
     return found
 
 

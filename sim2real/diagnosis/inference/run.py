@@ -65,7 +65,7 @@ def find_causes(about: About) -> Causes:
     if about.restart is not None and found:
         data = about.restart(merge_effects(about.fixed, found))
         fitted = judgement.best, *judgement.rivals
-        labels = {member.label for fit in fitted for member in fit.hypothesis.members}
+        labels = {member.law for fit in fitted for member in fit.hypothesis.members}
         del baseline, judgement, fitted  # their likelihoods take memory
         baseline, judgement = _judge(about, data, labels)
     made = make_conclusion(judgement, baseline, about.rng)

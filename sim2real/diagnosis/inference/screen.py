@@ -88,8 +88,8 @@ def pick_alike(
     The best has the member, the rest are the same values without it. A change's probe is the one
     whose line is most nearly parallel, in this metric.
     """
-    own, there = best.own - rest.own, {member.label for member in best.hypothesis.members}
-    lines = [line for line in lines if line.member.label not in there]
+    own, there = best.own - rest.own, {member.law for member in best.hypothesis.members}
+    lines = [line for line in lines if line.member.law not in there]
     lines = [line for line in lines if are_compatible(rest.hypothesis, line.member)]
     found: dict[str, tuple[float, Start]] = {}
     for first in range(0, len(lines), CHUNK):

@@ -21,6 +21,7 @@ from sim2real.diagnosis.inference.fit import Fit, Start
 from sim2real.diagnosis.inference.glance import HALVES, Glance, Quick
 from sim2real.diagnosis.inference.hypotheses import Hypothesis, Member, get_kind
 from sim2real.diagnosis.inference.moves import (
+    list_elaborated,
     list_simpler,
     list_untied,
     pick_distinct,
@@ -111,7 +112,13 @@ class Search:
 
     def untie(self, best: Fit, options: Sequence[Candidate], tried: dict[str, Fit]) -> None:
         """Fit a value for each joint where the best has one for all into what was tried, once."""
-        starts = list_untied(best, options)
+        self._fit_new(list_untied(best, options), tried)
+
+    def elaborate(self, best: Fit, tried: dict[str, Fit]) -> None:
+        """Fit the best with the further values of its effects into what was tried, once."""
+        self._fit_new(list_elaborated(best), tried)
+
+    def _fit_new(self, starts: Sequence[Start], tried: dict[str, Fit]) -> None:
         self._fit([start for start in starts if start.hypothesis.label not in tried], tried)
 
     def look_closer(self, before: Fit, tried: dict[str, Fit]) -> None:

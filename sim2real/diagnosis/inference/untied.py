@@ -29,17 +29,12 @@ class Untied(Candidate):
     @property
     def label(self) -> str:
         """That of one value for all joints, and that each has its own."""
-        return get_untied_label(super().label)
+        return f"{super().label} (each)"
 
     @property
     def parts(self) -> tuple[Candidate, ...]:
         """What is simulated."""
         return self.options
-
-
-def get_untied_label(label: str) -> str:
-    """Return the label of an effect of a label if each joint has a value of its own."""
-    return f"{label} (each)"
 
 
 def untie(member: Candidate | LogChange, options: Sequence[Candidate]) -> Untied | None:

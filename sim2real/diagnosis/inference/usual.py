@@ -26,10 +26,10 @@ NAMES = (
 
 def list_usual(data: Data, known: Sequence[Candidate] = ()) -> Iterator[Candidate]:
     """Yield what a model has of its own at each place, as a factor of it, unless it is known."""
-    scale, taken = robot_scale(data), {member.label for member in known}
+    scale, taken = robot_scale(data), {member.law for member in known}
     for name in NAMES:
         for place, more in product(EFFECTS[name].places(scale), EFFECTS[name].variants(scale)):
             arguments = {"where": place, "how": "scale", **more}
             option = None if place is None else candidate_of(name, arguments, data.specs[0], scale)
-            if option is not None and option.label not in taken:  # a model has each effect once
+            if option is not None and option.law not in taken:  # a model has each effect once
                 yield option

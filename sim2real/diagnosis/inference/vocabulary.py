@@ -20,7 +20,6 @@ from sim2real.diagnosis.inference.hypotheses import Member
 from sim2real.diagnosis.inference.log_change import LogChange
 from sim2real.diagnosis.inference.log_changes import list_log_changes
 from sim2real.diagnosis.inference.moves import make_start
-from sim2real.diagnosis.inference.untied import get_untied_label
 from sim2real.diagnosis.inference.world_changes import list_world_changes
 
 RIPPLE = "cogging"
@@ -67,7 +66,7 @@ class Vocabulary:
         found: list[Member] = [*changes]
         found += [member for member in self.effects if member.label not in undone]
         self.choices = max(len(found), 1)  # that a change is one of
-        self.members = [one for one in found if only is None or _is_one_of(one, only)]
+        self.members = [one for one in found if only is None or one.law in only]
         self.shown = [one for one in self.members if isinstance(one, LogChange) and one.shown]
 
     def list_starts(self, errors: np.ndarray, joints: Collection[str]) -> list[Start]:
@@ -90,8 +89,3 @@ class Vocabulary:
         if isinstance(member, Candidate) and member.name == RIPPLE:
             return with_ripples(member, self.data, errors)
         return member
-
-
-def _is_one_of(member: Member, labels: Collection[str]) -> bool:
-    """Return whether labels name a change, be it with a value of its own at each joint."""
-    return member.label in labels or get_untied_label(member.label) in labels

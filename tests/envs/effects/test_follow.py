@@ -102,8 +102,9 @@ def test_a_swing_with_bristles(kind: str, step: float) -> None:
     robot = Pendulum(friction=own, emf=0.06)
     truth = truth_of(robot)[:, 1]
     excess, bend = own.static - own.coulomb, own.static / own.stiffness
+    ratio = own.damping / 2 / (own.stiffness * (robot.link + robot.rotor)) ** 0.5
     dry = make("coulomb_friction", where="j")
-    bent = make("stribeck_friction", where="j", speed=own.speed, bristle=bend)
+    bent = make("stribeck_friction", where="j", speed=own.speed, bristle=bend, ratio=ratio)
     link, _ = simulated(robot, {dry: (own.coulomb,), bent: (excess,)}, step)
     assert apart(truth, link) < BOUND
     rigid = make("stribeck_friction", where="j", speed=own.speed)
@@ -111,3 +112,27 @@ def test_a_swing_with_bristles(kind: str, step: float) -> None:
     assert apart(truth, without) > 1.3 * apart(truth, link)
     if kind in ("steep", "stiff"):
         assert apart(truth, without) > 1.5 * BOUND
+
+
+def test_dry_friction_alone_has_bristles() -> None:
+    """What does not depend on the speed is Dahl's friction; rigid friction is further off."""
+    own = FRICTIONS["Dahl's"]
+    robot = Pendulum(friction=own, emf=0.06)
+    ratio = own.damping / 2 / (own.stiffness * (robot.link + robot.rotor)) ** 0.5
+    truth, bend = truth_of(robot)[:, 1], own.static / own.stiffness
+    bent = make("coulomb_friction", where="j", bristle=bend, ratio=ratio)
+    link, _ = simulated(robot, {bent: (own.coulomb,)}, 1e-3)
+    rigid, _ = simulated(robot, {make("coulomb_friction", where="j"): (own.coulomb,)}, 1e-3)
+    assert apart(truth, link) < BOUND
+    assert apart(truth, rigid) > 1.3 * apart(truth, link)
+
+
+@pytest.mark.parametrize("name", ["load_dependent", "asymmetric", "stribeck"])
+def test_the_bristles_of_any_friction_hold_all_of_it(name: str) -> None:
+    """Those of an effect that adds none itself bend under another's."""
+    robot = Pendulum(emf=0.06)
+    alone = make("coulomb_friction", where="j", bristle=0.008)
+    bent = make(f"{name}_friction", where="j", bristle=0.008)
+    link, _ = simulated(robot, {alone: (0.12,)}, 1e-3)
+    both, _ = simulated(robot, {make("coulomb_friction", where="j"): (0.12,), bent: (0.0,)}, 1e-3)
+    np.testing.assert_allclose(both, link, atol=1e-12)
