@@ -222,6 +222,20 @@ class Hypothesis:
             found.append(self.clip(other))
         return [other for other in found if (other != values).any()]
 
+    def crosses(self, values: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """Return which of others, (2, P), put readings into other rows than values (2, P) do.
+
+        Windows then start elsewhere, so that errors jump.
+        """
+        found = np.zeros(values.shape, bool)
+        for member, column in zip(self.members, self.columns, strict=True):
+            if isinstance(member, LogChange):
+                pairs = zip(values[:, column], others[:, column], strict=True)
+                found[:, column] = [
+                    [round(member.late(a)) != round(member.late(b))] for a, b in pairs
+                ]
+        return found
+
     def clip(self, values: np.ndarray) -> np.ndarray:
         """Return values (..., P) within their bounds."""
         return np.clip(values, self.low, self.high)

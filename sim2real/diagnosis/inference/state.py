@@ -74,10 +74,14 @@ class State:
         return not self.gain.any() or self.density.sum() + self.gain.sum() * rounds >= best
 
     def nudges(self, share: float, least: float) -> np.ndarray:
-        """Return a step of each coordinate for finite differences, (2, P), inside its bounds."""
+        """Return a step of each coordinate for finite differences, (2, P), inside its bounds.
+
+        Nor does it lead to where readings stand in other rows, see `Hypothesis.crosses`.
+        """
         linear = self.hypothesis.to_linear(self.values)
         step = np.maximum(share * np.abs(linear), least * self.hypothesis.linear_size)
-        return np.where(linear + step > self.hypothesis.high, -step, step)
+        step = np.where(linear + step > self.hypothesis.high, -step, step)
+        return np.where(self.hypothesis.crosses(self.values, linear + step), -step, step)
 
     def moved(self, change: np.ndarray) -> np.ndarray:
         """Return the values after a change of their coordinates, (2, P) both."""

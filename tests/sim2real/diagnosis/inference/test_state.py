@@ -7,6 +7,7 @@ import pytest
 
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.likelihood import Trained
+from sim2real.diagnosis.inference.log_changes import list_log_changes
 from sim2real.diagnosis.inference.replayer import Replay
 from sim2real.diagnosis.inference.state import State
 from sim2real.diagnosis.inference.vocabulary import list_effects
@@ -28,6 +29,15 @@ def rubbing(tmp_path: Path) -> Hypothesis:
     effects = list_effects(arm.data_of(arm.make_log(noise=3e-4), tmp_path))
     own = {member.label: member for member in effects}
     return Hypothesis(tuple(own[f"coulomb_friction.{name}"] for name in arm.JOINTS))
+
+
+def test_no_slope_is_taken_across_where_readings_change_rows(tmp_path: Path) -> None:
+    """Half a row old, they go to the row before, and windows start elsewhere: errors jump."""
+    data = arm.data_of(arm.make_log(noise=3e-4), tmp_path)  # 20 ms a row
+    (late,) = [change for change in list_log_changes(data) if change.effect is not None]
+    below, far = [[0.00999], [0.004]]
+    nudges = make_state(Hypothesis((late,)), [below, far], [0.0, 0.0]).nudges(0.03, 0.01)
+    np.testing.assert_allclose(nudges, [[-6e-4], [6e-4]])
 
 
 def test_the_best_change_of_each_value_is_joined_in_each_fold(rubbing: Hypothesis) -> None:
