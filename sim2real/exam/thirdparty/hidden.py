@@ -154,10 +154,10 @@ def _integral(rig: Rig, truth: Truth) -> Rig:
 
 
 def _knee(rig: Rig, truth: Truth) -> Rig:
-    """At rest the torque is twice the limit; the line falls from there to the no-load speed."""
+    """A line falls from twice the limit at rest to the limit at the knee, and to 0 beyond."""
     servo = rig.joints[truth["joint"]].servo
     assert servo is not None
-    return rig.servo(truth["joint"], stall=KNEE * servo.limit, no_load=truth["value"])
+    return rig.servo(truth["joint"], stall=KNEE * servo.limit, no_load=KNEE * truth["value"])
 
 
 def _armature(rig: Rig, truth: Truth) -> Rig:
@@ -283,7 +283,7 @@ LAWS: Mapping[str, Law] = {
     "integral_action": Law("joint", "add", "one", 0.01, 10, _integral),
     "motor_strength": Law("joint", "factor", "one", 0.02, 0.8, _of_servo("strength", "scale")),
     "torque_limit": Law("joint", "limit", "stall", 1.05, 20, _of_servo("limit")),
-    "torque_speed_knee": Law("joint", "limit", "fastest", 1.0, 100, _knee),
+    "torque_speed_knee": Law("joint", "limit", "fastest", 2.0, 200, _knee),
     "actuator_lag": Law("joint", "add", "one", 0.001, 0.2, _of_servo("lag")),
     "thermal_derating": Law("joint", "add", "heating", 0.001, 100, _of_servo("heating")),
     "dead_zone": Law("joint", "add", "one", 0.003, 0.12, _of_servo("dead_zone")),

@@ -66,6 +66,15 @@ def test_shared_effects_are_at_all_joints() -> None:
     assert [servo.strength for servo in servos if servo] == [0.8] * 3
 
 
+def test_a_knee_is_where_the_torque_begins_to_fall() -> None:
+    """As in the library: at that speed the motor's line is at the torque limit."""
+    rig = make_rig(ROBOTS["arm3"], "dart")
+    truth = {"effect": "torque_speed_knee", "joint": "elbow", "where": "elbow", "value": 3.0}
+    servo = put(rig, truth).joints["elbow"].servo
+    assert servo is not None
+    assert servo.stall * (1 - 3.0 / servo.no_load) == pytest.approx(servo.limit)
+
+
 def test_two_encoders_see_two_sides() -> None:
     """The firmware reads the motor, the log the link, and the load bends the spring between."""
     rig = make_rig(ROBOTS["arm3"], "dart")
