@@ -23,12 +23,15 @@ from hardware.config import Robot
 from hardware.errors import RobotError, did_you_mean, format_names
 
 KEYS = ("effect", "where", "side", "value", "ci", "unit", "extra")
+# of dry friction: rad by which a joint yields before it breaks away (0: by the emulator's own), and
+# the damping ratio there
+BRISTLES = {"bristle": 0.0, "ratio": 0.5}
 # effect -> its further scalars with their defaults
 SERVO_EFFECTS: dict[str, dict[str, float]] = {
-    "coulomb_friction": {},
+    "coulomb_friction": BRISTLES,
     "viscous_friction": {},
-    "stribeck_friction": {"speed": 0.5},
-    "load_dependent_friction": {},
+    "stribeck_friction": {"speed": 0.5, **BRISTLES},
+    "load_dependent_friction": BRISTLES,
     "backlash": {},
     "joint_compliance": {"damping": 0.0},
     "cogging": {"count": 12.0, "phase": 0.0},

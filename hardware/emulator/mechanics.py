@@ -6,9 +6,10 @@
 
 Laws (n servos, torque on the motor's side of the gear):
 
-* friction: a bristle z that follows the motion and breaks away at 0.5 mrad carries F z / z_max,
-  with F = coulomb + stribeck exp(-(w / speed)^2) + load_friction |motor torque| (Dahl's model in
-  its simplest form: Prandtl's stop operator), and viscous friction proportional to w;
+* friction: a bristle z that follows the motion and breaks away at 0.5 mrad, or at more if the
+  hidden friction says so, carries F z / z_max, with F = coulomb + stribeck exp(-(w / speed)^2)
+  + load_friction |motor torque| (Dahl's model in its simplest form: Prandtl's stop operator), and
+  viscous friction proportional to w;
 * cogging: amplitude sin(count * angle + phase);
 * play: no torque inside it, a stiff damped spring at its ends; compliance: a spring across it.
 """
@@ -21,7 +22,8 @@ from hardware.emulator.hidden import HiddenEffects
 from hardware.emulator.model import build_model, home_pose
 
 TICK = 0.001  # s, one pass of a servo's firmware
-BRISTLE = 5e-4  # rad
+DRY = ("coulomb_friction", "stribeck_friction", "load_dependent_friction")
+BRISTLE, RATIO = 5e-4, 0.25  # rad, and of critical damping, where no hidden friction has others
 STIFFEST = 300.0  # N·m/rad, the ends of a play
 
 
@@ -117,10 +119,13 @@ class Mechanics:
 
     def _set_laws(self, hidden: HiddenEffects) -> None:
         self._hidden = hidden
-        names = ("coulomb_friction", "stribeck_friction", "load_dependent_friction")
-        self._rubs = any(hidden[name].any() for name in names)
+        self._rubs = any(hidden[name].any() for name in DRY)
         self._drags = hidden["viscous_friction"].any()
         self._cogs = hidden["cogging"].any()
+        bends, ratios = (np.stack([hidden[f"{n}.{e}"] for n in DRY]) for e in ("bristle", "ratio"))
+        softest = np.take_along_axis(ratios, bends.argmax(axis=0)[None], axis=0)[0]
+        self._deep = np.maximum(bends.max(axis=0), BRISTLE)
+        self._ratio = np.where(bends.any(axis=0), softest, RATIO)
         self._bristle = np.zeros(len(self.dof))
         self._inertia = self.model.dof_M0[self.dof] * 1.0
         self._own = self._rubs or self._drags or self._cogs or len(self._play)
@@ -214,10 +219,10 @@ class Mechanics:
         level = hidden["coulomb_friction"] + hidden["stribeck_friction"] * slow
         level = level + hidden["load_dependent_friction"] * np.abs(self.torque)
         bristle = self._bristle + speed * self.model.opt.timestep
-        self._bristle = np.clip(bristle, -BRISTLE, BRISTLE)
-        held = 1 - np.abs(self._bristle) / BRISTLE
-        damping = 0.5 * np.sqrt(level / BRISTLE * self._inertia)
-        return level * self._bristle / BRISTLE + damping * held * speed
+        self._bristle = np.clip(bristle, -self._deep, self._deep)
+        held = 1 - np.abs(self._bristle) / self._deep
+        damping = 2 * self._ratio * np.sqrt(level / self._deep * self._inertia)
+        return level * self._bristle / self._deep + damping * held * speed
 
     def _play_torque(self) -> np.ndarray:
         angle = self.data.qpos[self._play_qpos]

@@ -24,9 +24,8 @@ KP = 800 / 256 / 885 / STEP * 5.0 * K / R
 def world_with(robot=None, faults=(), on: bool = True, **effect) -> EmulatedRobot:
     """Return a world of bench1 (or another robot) that hides one effect and holds its position."""
     robot = robot or load_robot("bench1")
-    extra = {
-        k: effect.pop(k) for k in ("speed", "damping", "count", "phase", "decay") if k in effect
-    }
+    names = ("speed", "damping", "count", "phase", "decay", "bristle", "ratio")
+    extra = {k: effect.pop(k) for k in names if k in effect}
     entries = [{"extra": extra, **effect}] if effect else []
     world = EmulatedRobot(robot, make_hidden(entries, robot), faults=faults)
     put(world, position_p_gain=800, torque_enable=int(on))
@@ -54,6 +53,18 @@ def test_coulomb_friction_holds_within_its_band():
         put(world, torque_enable=0)
         world.advance(0.5)
         assert (abs(world.mechanics.angle[0] - start) < 0.01) == stays
+
+
+@pytest.mark.parametrize(("bristle", "yields"), [(0.0, 5e-4), (4e-3, 4e-3)])
+def test_friction_yields_before_it_breaks_away(bristle: float, yields: float) -> None:
+    """In proportion to the load, as a diagnosis writes it; without a number, by the emulator's."""
+    world = world_with(effect="coulomb_friction", value=0.06, bristle=bristle, ratio=0.5)
+    start, mechanics = 0.15, world.mechanics
+    mechanics.data.qpos[mechanics.qpos] = start
+    put(world, torque_enable=0)
+    world.advance(1.0)
+    share = MOMENT * np.sin(mechanics.angle[0]) / 0.06
+    assert start - mechanics.angle[0] == pytest.approx(share * yields, rel=0.03)
 
 
 def test_stribeck_friction_holds_more_than_it_slows():
