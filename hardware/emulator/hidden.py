@@ -30,8 +30,8 @@ BRISTLES = {"bristle": 0.0, "ratio": 0.5}
 SERVO_EFFECTS: dict[str, dict[str, float]] = {
     "coulomb_friction": BRISTLES,
     "viscous_friction": {},
-    "stribeck_friction": {"speed": 0.5, **BRISTLES},
-    "load_dependent_friction": BRISTLES,
+    "stribeck_friction": {"speed": 0.5, "shape": 2.0, **BRISTLES},
+    "load_dependent_friction": {"external": 0.0, **BRISTLES},
     "backlash": {},
     "joint_compliance": {"damping": 0.0},
     "cogging": {"count": 12.0, "phase": 0.0},

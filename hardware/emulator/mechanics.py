@@ -7,9 +7,9 @@
 Laws (n servos, torque on the motor's side of the gear):
 
 * friction: a bristle z that follows the motion and breaks away at 0.5 mrad, or at more if the
-  hidden friction says so, carries F z / z_max, with F = coulomb + stribeck exp(-(w / speed)^2)
-  + load_friction |motor torque| (Dahl's model in its simplest form: Prandtl's stop operator), and
-  viscous friction proportional to w;
+  hidden friction says so, carries F z / z_max, with F = coulomb + stribeck exp(-|w / speed|^shape)
+  + load_friction |motor torque - external * the torque of gravity and inertia| (Dahl's model in
+  its simplest form: Prandtl's stop operator), and viscous friction proportional to w;
 * cogging: amplitude sin(count * angle + phase);
 * play: no torque inside it, a stiff damped spring at its ends; compliance: a spring across it.
 """
@@ -215,9 +215,11 @@ class Mechanics:
 
     def _friction(self, speed: np.ndarray) -> np.ndarray:
         hidden = self._hidden
-        slow = np.exp(-((speed / hidden["stribeck_friction.speed"]) ** 2))
+        ratio = np.abs(speed / hidden["stribeck_friction.speed"])
+        slow = np.exp(-(ratio ** hidden["stribeck_friction.shape"]))
         level = hidden["coulomb_friction"] + hidden["stribeck_friction"] * slow
-        level = level + hidden["load_dependent_friction"] * np.abs(self.torque)
+        external = hidden["load_dependent_friction.external"] * self.data.qfrc_bias[self.dof]
+        level = level + hidden["load_dependent_friction"] * np.abs(self.torque + external)
         bristle = self._bristle + speed * self.model.opt.timestep
         self._bristle = np.clip(bristle, -self._deep, self._deep)
         held = 1 - np.abs(self._bristle) / self._deep
