@@ -280,9 +280,11 @@ def test_what_was_tried_is_judged_by_unknowns_around_the_best(tmp_path: Path) ->
     (late, old), _ = fit_delays(judge)
     tried = {fit.label: fit for fit in (judge.given, late, old)}
     own, local, common = judge._make(late.hypothesis, late.values)
-    expected = own.fit([Start(fit.hypothesis, fit.values[None]) for fit in tried.values()], 0)
-    best = judge._renew(late, tried)
-    for fit in expected[::2]:  # that of the best takes over what fits the other half better
+    others = [
+        own.judge(fit.hypothesis, fit.values, (fit.own, fit.held)) for fit in (judge.given, old)
+    ]
+    best = judge._renew(late, tried)  # which alone takes over what fits the other half better
+    for fit in others:
         np.testing.assert_allclose(tried[fit.label].score, fit.score, rtol=1e-9)
     assert best is tried[late.label]
     search, chosen = judge.search, judge.search.glance.chosen
