@@ -138,7 +138,10 @@ class Search:
     def swap(self, best: Fit, tried: dict[str, Fit]) -> None:
         """Fit what does about the same as each member in its place."""
         best = self.anchor(best, tried)
-        simpler = self._exchange(best, self.lines, [line.member for line in self.lines], tried)
+        plain = [line.member for line in self.lines]
+        more = (one.elaborated() for one in plain if isinstance(one, Candidate))
+        others = [*plain, *(one for one in more if one is not None)]
+        simpler = self._exchange(best, self.lines, others, tried)
         keep_better(self.quick.fit([restart(best), *simpler]), tried)
 
     def imitate(self, best: Fit, excluded: Sequence[Start]) -> list[Fit]:

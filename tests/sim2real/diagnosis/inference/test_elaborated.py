@@ -8,8 +8,15 @@ import pytest
 from sim2real.diagnosis.inference.baseline import Baseline
 from sim2real.diagnosis.inference.batches import Rows, simulate_each
 from sim2real.diagnosis.inference.conclusion import make_conclusion
+from sim2real.diagnosis.inference.fit import Start
+from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.judge import Judge
-from sim2real.diagnosis.inference.moves import are_compatible, list_elaborated, make_start
+from sim2real.diagnosis.inference.moves import (
+    are_compatible,
+    list_elaborated,
+    list_simpler,
+    make_start,
+)
 from sim2real.diagnosis.inference.usual import list_usual
 from sim2real.diagnosis.inference.vocabulary import Vocabulary, list_effects
 from sim2real.diagnosis.schema import Cause
@@ -44,6 +51,21 @@ def test_rigid_friction_keeps_one_value(tmp_path: Path) -> None:
     cause = find_cause(0.0, tmp_path)
     assert cause.value == pytest.approx(0.12, rel=0.02)
     assert cause.extra["bristle"] == 0.0
+
+
+def test_a_curve_that_yields_is_compared_with_dry_friction_that_does(tmp_path: Path) -> None:
+    """The simpler law keeps how far the joint yields."""
+    data = arm.data_of(arm.make_log(noise=NOISE), tmp_path)
+    known = {one.label: one for one in list_effects(data)}
+    curve, plain = known["stribeck_friction.b"], known[LABEL]
+    more = plain.elaborated()
+    assert more is not None
+    assert curve.elaborated() is None  # its bristles are fitted from the start
+    start = Start(Hypothesis((curve,)), np.array([[0.1, 0.5, 2e-3]]))
+    (fit,) = Judge(data).fitter.fit([start], rounds=0)
+    simpler = {one.hypothesis.label: one.points for one in list_simpler(fit, 0, [plain, more])}
+    assert set(simpler) == {LABEL, f"{LABEL} (bristle)"}
+    np.testing.assert_array_equal(simpler[f"{LABEL} (bristle)"][0, 0], [0.1, 2e-3])
 
 
 def test_an_effect_has_one_law_with_or_without_its_further_values(tmp_path: Path) -> None:
