@@ -22,7 +22,7 @@ from sim2real.runs.tables import Table
 EXAMS = {
     "Since release 0.2.0": (
         tuple(f"blindcheck_{seed}.csv" for seed in range(2057, 2073)),
-        tuple(f"thirdparty_{seed}.csv" for seed in range(61, 80)),
+        tuple(f"thirdparty_{seed}.csv" for seed in range(61, 82)),
         (
             "log_mistakes.csv",
             *(f"log_mistakes_{seed}.csv" for seed in (2062, 2064, 2065, 2066, 2067)),
