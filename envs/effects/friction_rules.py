@@ -35,10 +35,8 @@ class _FrictionRule(SubstepRule):
         plant.live("dof_frictionloss")
         self.value = np.zeros((plant.num_rows, 1))
         self.qvel = plant.layout.raw_qvel
-        self.grip, self.bristles = (
-            NoCreepFriction(plant, where),
-            Bristles.of(plant, effect, self.dofs),
-        )
+        self.grip = NoCreepFriction(plant, where)
+        self.bristles = Bristles.of(plant, effect, self.dofs)
 
     def write(self, ids: np.ndarray, values: np.ndarray) -> None:
         """Keep the coefficient of each row."""

@@ -79,7 +79,7 @@ class Candidate:
         return (self.joint if self.effect.place == "body" else None) or self.effect.where
 
     def elaborated(self) -> Candidate | None:
-        """Return it with what is fitted later free as well (`Extra.later`), each value at its end.
+        """Return it with what is fitted later free as well (`Extra.later`), its last values.
 
         None where there is no such extra.
         """

@@ -102,9 +102,7 @@ class Event(NamedTuple):
     log: int  # that window's, its number
     episode: int
     seconds: Pair  # from when to when, of the episode
-    size: (
-        float  # a torque on the joint [N·m, or N of a slide], or by what readings are off [rad, m]
-    )
+    size: float  # a torque [N·m, or N of a slide], or by what readings are off [rad, m]
     evidence: float  # log ratio of the densities with and without it [nats]
     rival: str | None = None  # the other kind of event, if it is as probable
 

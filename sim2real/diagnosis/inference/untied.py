@@ -31,6 +31,9 @@ class Untied(Candidate):
         """That of one value for all joints, and that each has its own."""
         return f"{super().label} (each)"
 
+    def elaborated(self) -> None:
+        """Return None: its values are those of its parts, which have no more each."""
+
     @property
     def parts(self) -> tuple[Candidate, ...]:
         """What is simulated."""

@@ -17,6 +17,7 @@ from sim2real.diagnosis.inference.moves import (
     list_simpler,
     make_start,
 )
+from sim2real.diagnosis.inference.untied import untie
 from sim2real.diagnosis.inference.usual import list_usual
 from sim2real.diagnosis.inference.vocabulary import Vocabulary, list_effects
 from sim2real.diagnosis.schema import Cause
@@ -87,3 +88,14 @@ def test_an_effect_has_one_law_with_or_without_its_further_values(tmp_path: Path
     rows += [Rows(start.hypothesis.effects, windows, np.array([[0.1, 0.0]]))]
     rigid, bent = simulate_each(simulator, rows)
     np.testing.assert_allclose(bent.error, rigid.error, atol=1e-9)
+
+
+def test_an_effect_with_a_value_for_each_joint_keeps_its_values(tmp_path: Path) -> None:
+    """They are laid out by its parts."""
+    data = arm.data_of(arm.make_log(noise=NOISE), tmp_path)
+    effects = list_effects(data)
+    shared = next(one for one in effects if one.label == "coulomb_friction")
+    each = untie(shared, effects)
+    assert each is not None
+    (fit,) = Judge(data).fitter.fit([Start(Hypothesis((each,)), np.array([[0.1, 0.2]]))], rounds=0)
+    assert list_elaborated(fit) == []
