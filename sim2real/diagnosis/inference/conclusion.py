@@ -291,12 +291,15 @@ def _extra(member: Member, values: np.ndarray) -> dict[str, object]:
 def _explanations(
     own: tuple[Fixed, ...], best: Fit, alike: Sequence[Sequence[tuple[Member, Fit]]]
 ) -> tuple[tuple[str, tuple[Fixed, ...]], ...]:
-    """Return the explanations that these logs cannot tell apart; none where there is one alone."""
-    others = {}
-    for crowd in alike:
-        for _, fit in crowd:
-            if None not in map(get_effect, fit.hypothesis.members):
-                others[fit.label] = effects_of(fit)
+    """Return the explanations that these logs cannot tell apart; none where there is one alone.
+
+    The same laws with further values, such as friction's bristles, are no other explanation.
+    """
+    laws, others = {member.law for member in best.hypothesis.members}, {}
+    for fit in (fit for crowd in alike for _, fit in crowd):
+        members = fit.hypothesis.members
+        if {m.law for m in members} != laws and None not in map(get_effect, members):
+            others[fit.label] = effects_of(fit)
     return ((best.label, own), *others.items()) if others else ()
 
 

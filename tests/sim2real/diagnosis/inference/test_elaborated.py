@@ -35,6 +35,7 @@ def find_cause(bristle: float, folder: Path) -> Cause:
     judgement = judge.judge(Vocabulary(data, only=[LABEL]))
     made = make_conclusion(judgement, Baseline.of(judge.replayer, rng), rng)
     assert made.report.verdict == "explained"
+    assert made.alike == ()  # the same law with or without bristles is one explanation
     (cause,) = made.report.causes
     return cause
 
