@@ -197,7 +197,7 @@ class Fitter:
         ]
 
     def _walk(self, states: Sequence[State], rounds: int) -> None:
-        """Move to values that no slope leads to as long as that is better, in place.
+        """Move to values that no slope leads to as long as that gains what a step has to, in place.
 
         What gains by itself, such as at one joint of several, is tried together, too.
         """
@@ -208,7 +208,8 @@ class Fitter:
             joined = [(s, s.join([other for one, other in trials if one is s])) for s in live]
             trials += self._try([(s, values) for s, values in joined if values is not None])
             gains = [(s, s.take(other, self.fold)) for s, other in trials]
-            live = list(dict.fromkeys(s for s, gain in gains if (gain > BETTER).any()))
+            moved = (s for s, gain in gains if (gain > self.settings.settled).any())
+            live = list(dict.fromkeys(moved))
 
     def _try(self, trials: Sequence[tuple[State, np.ndarray]]) -> list[tuple[State, State]]:
         """Return each state with what it would be at other values (2, P)."""
