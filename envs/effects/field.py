@@ -81,25 +81,26 @@ class FieldEffect(Effect):
         return (index,) if self.column is None else (index, self.column)
 
     def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the one parameter; the range keeps the field at or above its minimum.
+        """Return the value, whose range keeps the field at or above its minimum, and free extras.
 
         Raises:
             EffectError: no such place, or a factor on a field that is 0 there.
         """
         nominal = np.asarray(getattr(model, self.field)[self.elements(model)], dtype=np.float64)
         if self.how == "add":
-            low = float(np.max(self.minimum - nominal))
-            return (self.parameter(low=low),)
-        if self.how == "scale":
+            value = self.parameter(low=float(np.max(self.minimum - nominal)))
+        elif self.how == "scale":
             if not nominal.any():
                 raise EffectError(
                     f"{self.label()}: the model's {self.field} is 0 there, so a factor changes "
                     f"nothing; use how: add"
                 )
-            return (self.parameter(low=0.0),)
-        return (self.parameter(low=self.minimum, neutral=float(nominal.flat[0])),)
+            value = self.parameter(low=0.0)
+        else:
+            value = self.parameter(low=self.minimum, neutral=float(nominal.flat[0]))
+        return (value, *self.free_parameters())
 
     def bind(self, plant: PlantView) -> BoundEffect:
         """Give the field a value per row."""
-        (parameter,) = self.parameters(plant.model)
+        parameter, *_ = self.parameters(plant.model)
         return FieldBound(plant.field(self.field), self.elements(plant.model), parameter)

@@ -19,7 +19,7 @@ from envs.effects.field import FieldBound, FieldEffect
 from envs.effects.places import joints
 from envs.effects.plant_view import PlantView
 from envs.effects.scale import FASTEST, RobotScale
-from envs.params import How, Parameter
+from envs.params import How
 
 # The engine's default friction creeps: 1.4 degrees in 10 s under three quarters of its torque.
 STIFF_SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
@@ -124,10 +124,6 @@ class CoulombFriction(FieldEffect):
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Make the joint stick where it had no friction."""
         stiffen(spec, self.where)
-
-    def parameters(self, model: mujoco.MjModel) -> tuple[Parameter, ...]:
-        """Return the friction, and what is free of its bristles."""
-        return (*super().parameters(model), *self.free_parameters())
 
     def batch(self) -> str:
         """Return the group of effects of model fields; bristles act between physics steps."""

@@ -5,12 +5,17 @@ The module below is all that the user writes.
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 
-from envs.effects import EFFECTS, load_effects, make, write_effects
+from envs.effects import EFFECTS, load_effects, make, register, write_effects
+from envs.effects.bound import BoundEffect
+from envs.effects.extras import Extra
+from envs.effects.places import joints
+from envs.effects.plant_view import PlantView
 from envs.plant import Plant
 from envs.simulation import Simulation
 from envs.tasks import Hopper
@@ -105,6 +110,39 @@ def test_a_diagnosis_finds_it_and_a_report_says_it(tmp_path: Path) -> None:
     without = Vocabulary(data, ["return_spring"])
     assert "return_spring" not in {c.name for c in without.effects}
     assert "return_spring" in {c.name for c in without.excluded}
+
+
+@pytest.mark.slow
+def test_a_further_value_is_fitted_once_it_is_a_cause(tmp_path: Path) -> None:
+    """A spring whose rest angle the log shows has one; no other value but that is asked for."""
+    base: Any = EFFECTS["return_spring"]
+
+    @register
+    class RestSpring(base):  # type: ignore[valid-type, misc]
+        name = "rest_spring"
+        extras = (Extra("rest", "rad", 0.0, -1.5, 1.5, "rest", fit=(-1.0, 1.0), later=True),)
+
+        def bind(self, plant: PlantView) -> BoundEffect:
+            bound, effect = super().bind(plant), self
+            rest = plant.field("qpos_spring")
+            place = plant.model.jnt_qposadr[joints(plant.model, self.where)]
+            write = bound.write
+
+            def both(ids: np.ndarray, values: np.ndarray) -> None:
+                write(ids, values)
+                rest[ids[:, None], place] = effect.scalar("rest", values)[:, None]
+
+            bound.write = both
+            return bound
+
+    try:
+        made = arm.make_log(("rest_spring", {"where": "b", "rest": 0.4}, STIFFNESS), noise=3e-4)
+        data = arm.data_of(made, tmp_path)
+        best = Judge(data).judge(Vocabulary(data, only=["rest_spring.b"])).best
+    finally:
+        EFFECTS.pop("rest_spring")
+    assert best.label == "rest_spring.b (rest)"
+    np.testing.assert_allclose(best.mean, [STIFFNESS, 0.4], rtol=0.02)
 
 
 def test_files_hold_it(tmp_path: Path) -> None:

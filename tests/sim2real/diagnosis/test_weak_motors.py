@@ -13,10 +13,6 @@ JOINTS = ("shoulder", "elbow", "wrist")
 GAINS, DAMPING, LIMITS = (60.0, 35.0, 15.0), (2.0, 1.2, 0.4), (12.0, 7.0, 3.0)
 LENGTHS, MASSES = (0.25, 0.2, 0.12), (0.9, 0.5, 0.2)
 RATE, COUNT = 100, 2 * np.pi / 4096
-COSTLY = ("cogging", "joint_compliance", "stribeck_friction", "load_dependent_friction")
-COSTLY += ("backlash", "supply_sag", "thermal_derating", "dead_zone", "profile_velocity")
-COSTLY += ("profile_acceleration", "asymmetric_friction", "actuator_lag", "integral_action")
-COSTLY += ("torque_speed_knee", "hysteretic_compliance", "encoder_eccentricity", "clock_drift")
 
 
 def arm(strength: float, timestep: float) -> str:
@@ -63,7 +59,7 @@ def test_weak_motors_are_one_cause(tmp_path: Path) -> None:
     """All motors at 0.73: one strength for the robot, which its supply may be as well."""
     path = tmp_path / "arm.xml"
     path.write_text(arm(1.0, 2e-3), encoding="utf-8")
-    report = diagnose([log_of(0.73, 16.0)], path, exclude=COSTLY)
+    report = diagnose([log_of(0.73, 16.0)], path)
     assert report.evidence.inputs["physics steps"] > 0
     (cause,) = report.causes
     assert report.verdict == "explained"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from envs.effects import load_effects, make, write_effects
+from envs.effects import EFFECTS, load_effects, make, write_effects
 from hardware.config import load_robot
 from hardware.connect import make_driver
 from hardware.emulator.hidden import make_hidden
@@ -31,11 +31,7 @@ from sim2real.runs.errors import Sim2RealError
 from sim2real.verbs import diagnose as command
 
 MOTIONS = ("ramp", "chirp", "steps", "swing")
-EXCLUDED = ("cogging", "joint_compliance", "stribeck_friction", "load_dependent_friction")
-EXCLUDED += ("backlash", "supply_sag", "thermal_derating", "dead_zone", "profile_velocity")
-EXCLUDED += ("profile_acceleration",)  # those that take most time
-QUICK = (*EXCLUDED, "hysteretic_compliance", "torque_speed_knee", "actuator_lag")
-QUICK += ("integral_action", "asymmetric_friction", "encoder_eccentricity", "link_inertia")
+FRICTIONS = [name for name in EFFECTS if name.endswith("_friction") or name == "backlash"]
 
 
 def subsets(count: int) -> list[tuple[int, ...]]:
@@ -62,17 +58,16 @@ def make_log(*hidden: dict[str, Any], seed: int = 0, seconds: float = 6.0) -> Lo
 
 
 @cache
-def found(excluded: tuple[str, ...]) -> Diagnosis:
-    """Diagnose a log that hides friction; a few costly candidates are left out to save time."""
+def found(*excluded: str) -> Diagnosis:
+    """Diagnose a log that hides friction."""
     log = make_log({"effect": "coulomb_friction", "where": "hinge", "value": 0.02})
     SHARES.clear()
     return run_diagnosis([log], None, None, excluded, 0, lambda text, share: SHARES.append(share))
 
 
-@pytest.mark.parametrize("excluded", [QUICK, pytest.param(EXCLUDED, marks=pytest.mark.slow)])
-def test_a_hidden_effect_is_named_with_its_value(excluded: tuple[str, ...]) -> None:
+def test_a_hidden_effect_is_named_with_its_value() -> None:
     """Friction that the nominal model lacks is the first cause, and adding it closes the gap."""
-    report = found(excluded).report
+    report = found().report
     assert report.verdict == "explained"
     cause = report.causes[0]
     assert (cause.effect, cause.where, cause.form) == ("coulomb_friction", "hinge", "holds")
@@ -89,7 +84,7 @@ def test_a_hidden_effect_is_named_with_its_value(excluded: tuple[str, ...]) -> N
 
 def test_the_evidence_shows_what_the_report_says() -> None:
     """Traces, ladder, candidates and bands belong to the same before and after."""
-    report = found(QUICK).report
+    report = found().report
     evidence = report.evidence
     assert evidence.ladder[0].gap == pytest.approx(report.gap.before)
     assert evidence.ladder[-2].gap == pytest.approx(report.gap.after, rel=1e-6)
@@ -123,7 +118,7 @@ def test_nothing_hidden_is_no_gap() -> None:
 @pytest.mark.slow
 def test_what_is_excluded_is_not_named() -> None:
     """With the true effect withheld no other one takes all its place for certain."""
-    report = found(("coulomb_friction", *EXCLUDED)).report
+    report = found(*FRICTIONS).report
     assert "coulomb_friction" not in [cause.effect for cause in report.causes]
     assert report.verdict not in ("no_gap", "explained")
     assert report.where[0].joint == "hinge"
@@ -132,7 +127,7 @@ def test_what_is_excluded_is_not_named() -> None:
 
 def test_the_run_writes_its_files(tmp_path: Path) -> None:
     """report.json, report.html, effects.yaml and model.xml; the effects load and are the causes."""
-    diagnosis = found(QUICK)
+    diagnosis = found()
     write(diagnosis, tmp_path)
     tree = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
     assert Report.from_json(tree).causes[0].effect == "coulomb_friction"
@@ -144,7 +139,7 @@ def test_the_run_writes_its_files(tmp_path: Path) -> None:
 
 def test_the_report_says_what_the_verb_replay_says(tmp_path: Path) -> None:
     """run=replay of the same log, without and with effects.yaml, gives the same figures."""
-    diagnosis = found(QUICK)
+    diagnosis = found()
     write(diagnosis, tmp_path)
     log = make_log({"effect": "coulomb_friction", "where": "hinge", "value": 0.02})
     causes = load_effects(tmp_path / "effects.yaml")
@@ -161,7 +156,7 @@ def test_the_report_says_what_the_verb_replay_says(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_known_effect_leaves_no_gap(tmp_path: Path) -> None:
     """What a diagnosis found, put into the model, is not found again."""
-    diagnosis = found(QUICK)
+    diagnosis = found()
     write(diagnosis, tmp_path)
     log = make_log({"effect": "coulomb_friction", "where": "hinge", "value": 0.02})
     assert diagnose([log], effects=tmp_path / "effects.yaml").verdict == "no_gap"
@@ -169,7 +164,7 @@ def test_a_known_effect_leaves_no_gap(tmp_path: Path) -> None:
 
 def test_the_file_holds_what_was_known_too(tmp_path: Path) -> None:
     """A known effect stays in effects.yaml; one that more was found of is there once, with both."""
-    diagnosis = found(QUICK)
+    diagnosis = found()
     ((_, (value,)), (low, high)) = diagnosis.found[0], diagnosis.intervals[0]
     friction, rotor = make("coulomb_friction", where="hinge"), make("armature", where="hinge")
     known = ((rotor, (1e-4,)), (friction, (0.005,)))
@@ -187,7 +182,7 @@ def test_more_of_a_known_effect_is_found(tmp_path: Path) -> None:
     """A gain known to be 0.8 that is 0.5 is found to be 0.63 of that, and the file says 0.5."""
     write_effects(tmp_path / "known.yaml", [(make("position_gain", where="hinge"), (0.8,))])
     log = make_log({"effect": "position_gain", "where": "hinge", "value": 0.5})
-    found = run_diagnosis([log], None, tmp_path / "known.yaml", EXCLUDED, 0, None)
+    found = run_diagnosis([log], None, tmp_path / "known.yaml", (), 0, None)
     (cause,) = [c for c in found.report.causes if c.effect == "position_gain"]
     assert cause.value == pytest.approx(0.5 / 0.8, rel=0.05)
     write(found, tmp_path)
