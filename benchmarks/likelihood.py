@@ -21,8 +21,8 @@ from sim2real.runs.tables import Table
 # real logs.
 EXAMS = {
     "Since release 0.2.0": (
-        tuple(f"blindcheck_{seed}.csv" for seed in range(2057, 2073)),
-        tuple(f"thirdparty_{seed}.csv" for seed in range(61, 82)),
+        tuple(f"blindcheck_{seed}.csv" for seed in range(2057, 2074)),
+        tuple(f"thirdparty_{seed}.csv" for seed in range(61, 83)),
         (
             "log_mistakes.csv",
             *(f"log_mistakes_{seed}.csv" for seed in (2062, 2064, 2065, 2066, 2067)),
