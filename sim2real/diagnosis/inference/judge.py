@@ -33,6 +33,7 @@ from sim2real.diagnosis.inference.likelihood import Basis
 from sim2real.diagnosis.inference.moves import (
     is_part,
     list_shorter,
+    list_simpler,
     make_start,
     pick_distinct,
     rank_fits,
@@ -249,7 +250,8 @@ class Judge(Criteria):
         """Return the best and its nearest rivals, fitted where the answer is the model.
 
         The best that leaves the log as it is is one: those that mend it may be scored by unknowns
-        around the answer already, the others by those around the model as given.
+        around the answer already, the others by those around the model as given. A simpler law may
+        have stopped short of where the best has moved to: it is tried there, too.
         """
         most, others = len(best.hypothesis.members), [f for f in tried.values() if f is not best]
         others = rank_fits([f for f in others if 0 < len(f.hypothesis.members) <= most])
@@ -260,6 +262,11 @@ class Judge(Criteria):
             self._look(best.hypothesis, best.values)
         fits = self.fitter.fit(map(restart, finalists))
         refitted = {fit.label: self._judge_apart(fit, best) for fit in [self.given, *fits]}
+        found = self._prune(refitted, self.fitter)
+        known = {one.label: one for fit in fits for one in fit.hypothesis.members}.values()
+        places = range(len(found.hypothesis.members))
+        simpler = [start for place in places for start in list_simpler(found, place, known)]
+        keep_better(self.fitter.fit(simpler), refitted)
         found = self._prune(refitted, self.fitter)
         if found.hypothesis.mended == best.hypothesis.mended:
             return found, refitted

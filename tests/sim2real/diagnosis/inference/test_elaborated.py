@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from envs.effects import make
 from sim2real.diagnosis.inference.baseline import Baseline
 from sim2real.diagnosis.inference.batches import Rows, simulate_each
 from sim2real.diagnosis.inference.conclusion import make_conclusion
-from sim2real.diagnosis.inference.fit import Start
+from sim2real.diagnosis.inference.fit import Fitter, Start
 from sim2real.diagnosis.inference.hypotheses import Hypothesis
 from sim2real.diagnosis.inference.judge import Judge
 from sim2real.diagnosis.inference.moves import (
@@ -100,3 +101,23 @@ def test_an_effect_with_a_value_for_each_joint_keeps_its_values(tmp_path: Path) 
     assert each is not None
     (fit,) = Judge(data).fitter.fit([Start(Hypothesis((each,)), np.array([[0.1, 0.2]]))], rounds=0)
     assert list_elaborated(fit) == []
+
+
+def test_a_simpler_law_is_tried_where_a_refit_has_led(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A spring that stopped short loses to a rubbing one without friction, which is no other."""
+    hidden = "joint_compliance", {"where": "b", "damping": 0.2}, 0.02
+    data = arm.data_of(arm.make_log(hidden, noise=NOISE), tmp_path)
+    known = {(one.name, one.effect.variant): one for one in list_effects(data) if one.place == "b"}
+    side = make(hidden[0], **hidden[1]).variant
+    spring, rubbing = known[hidden[0], side], known["hysteretic_compliance", side]
+    own = Fitter.fit
+    monkeypatch.setattr(Fitter, "fit", lambda fitter, starts, rounds=None: own(fitter, starts, 0))
+    judge = Judge(data)
+    short = Start(Hypothesis((spring,)), np.array([[0.004, 0.2]]))
+    led = Start(Hypothesis((rubbing,)), np.array([[0.02, 0.0, 0.2]]))
+    fits = {fit.label: fit for fit in judge.fitter.fit([short, led])}
+    best, _ = judge._refit(fits[rubbing.label], {judge.given.label: judge.given, **fits})
+    assert best.label == spring.label
+    assert best.mean[0] == pytest.approx(0.02)
