@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from envs.effects import EFFECTS, load_effects, make, register, write_effects
+from envs.effects import EFFECTS, Effect, load_effects, make, write_effects
 from envs.effects.bound import BoundEffect
 from envs.effects.extras import Extra
 from envs.effects.places import joints
@@ -112,35 +112,37 @@ def test_a_diagnosis_finds_it_and_a_report_says_it(tmp_path: Path) -> None:
     assert "return_spring" in {c.name for c in without.excluded}
 
 
+class RestBound(BoundEffect):
+    """Writes a spring's stiffness and its rest angle."""
+
+    def __init__(self, plant: PlantView, effect: Effect, stiffness: BoundEffect) -> None:
+        self.effect, self.stiffness, self.rest = effect, stiffness, plant.field("qpos_spring")
+        self.place = plant.model.jnt_qposadr[joints(plant.model, effect.where)]
+
+    def write(self, ids: np.ndarray, values: np.ndarray) -> None:
+        """Write values (n, k) into the rows ids, (n,)."""
+        self.stiffness.write(ids, values)
+        self.rest[ids[:, None], self.place] = self.effect.scalar("rest", values)[:, None]
+
+
 @pytest.mark.slow
-def test_a_further_value_is_fitted_once_it_is_a_cause(tmp_path: Path) -> None:
-    """A spring whose rest angle the log shows has one; no other value but that is asked for."""
+def test_a_further_value_is_fitted_once_it_is_a_cause(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The rest angle of a spring, in addition to its stiffness."""
     base: Any = EFFECTS["return_spring"]
 
-    @register
     class RestSpring(base):  # type: ignore[valid-type, misc]
         name = "rest_spring"
         extras = (Extra("rest", "rad", 0.0, -1.5, 1.5, "rest", fit=(-1.0, 1.0), later=True),)
 
         def bind(self, plant: PlantView) -> BoundEffect:
-            bound, effect = super().bind(plant), self
-            rest = plant.field("qpos_spring")
-            place = plant.model.jnt_qposadr[joints(plant.model, self.where)]
-            write = bound.write
+            return RestBound(plant, self, super().bind(plant))
 
-            def both(ids: np.ndarray, values: np.ndarray) -> None:
-                write(ids, values)
-                rest[ids[:, None], place] = effect.scalar("rest", values)[:, None]
-
-            bound.write = both
-            return bound
-
-    try:
-        made = arm.make_log(("rest_spring", {"where": "b", "rest": 0.4}, STIFFNESS), noise=3e-4)
-        data = arm.data_of(made, tmp_path)
-        best = Judge(data).judge(Vocabulary(data, only=["rest_spring.b"])).best
-    finally:
-        EFFECTS.pop("rest_spring")
+    monkeypatch.setitem(EFFECTS, "rest_spring", RestSpring)
+    made = arm.make_log(("rest_spring", {"where": "b", "rest": 0.4}, STIFFNESS), noise=3e-4)
+    data = arm.data_of(made, tmp_path)
+    best = Judge(data).judge(Vocabulary(data, only=["rest_spring.b"])).best
     assert best.label == "rest_spring.b (rest)"
     np.testing.assert_allclose(best.mean, [STIFFNESS, 0.4], rtol=0.02)
 

@@ -208,8 +208,7 @@ class Fitter:
             joined = [(s, s.join([other for one, other in trials if one is s])) for s in live]
             trials += self._try([(s, values) for s, values in joined if values is not None])
             gains = [(s, s.take(other, self.fold)) for s, other in trials]
-            moved = (s for s, gain in gains if (gain > self.settings.settled).any())
-            live = list(dict.fromkeys(moved))
+            live = list(dict.fromkeys(s for s, gain in gains if gain.max() > self.settings.settled))
 
     def _try(self, trials: Sequence[tuple[State, np.ndarray]]) -> list[tuple[State, State]]:
         """Return each state with what it would be at other values (2, P)."""

@@ -262,11 +262,10 @@ class Judge(Criteria):
             self._look(best.hypothesis, best.values)
         fits = self.fitter.fit(map(restart, finalists))
         refitted = {fit.label: self._judge_apart(fit, best) for fit in [self.given, *fits]}
-        found = self._prune(refitted, self.fitter)
-        known = {one.label: one for fit in fits for one in fit.hypothesis.members}.values()
-        places = range(len(found.hypothesis.members))
-        simpler = [start for place in places for start in list_simpler(found, place, known)]
-        keep_better(self.fitter.fit(simpler), refitted)
+        simpler = list_simpler(
+            self.choose(refitted), (one for fit in fits for one in fit.hypothesis.members)
+        )
+        keep_better([self._judge_apart(f, best) for f in self.fitter.fit(simpler)], refitted)
         found = self._prune(refitted, self.fitter)
         if found.hypothesis.mended == best.hypothesis.mended:
             return found, refitted

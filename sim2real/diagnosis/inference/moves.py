@@ -85,27 +85,27 @@ def _exchange(fit: Fit, place: int, member: Member, point: np.ndarray) -> Start:
     return join_members(base, (member,), point[None])
 
 
-def list_simpler(fit: Fit, place: int, others: Iterable[Member]) -> list[Start]:
-    """Return a fit with simpler laws in the place of a member, at the values that they share.
+def list_simpler(fit: Fit, others: Iterable[Member]) -> list[Start]:
+    """Return a fit with simpler laws in the place of each member, at the values that they share.
 
     A simpler law is an effect of the same unit at the same place and side that lacks some of the
     member's further values, as friction without a Stribeck curve does.
     """
-    member, column = fit.hypothesis.members[place], fit.hypothesis.columns[place]
-    if not isinstance(member, Candidate) or isinstance(member, Untied):
-        return []
-    rest, values = fit.hypothesis.without(place), fit.values[:, column]
-    names = _names_of(member)
-    found = {}
-    for other in others:
-        if not isinstance(other, Candidate) or not _is_simpler(other, member):
+    options, found = [one for one in others if isinstance(one, Candidate)], {}
+    columns = fit.hypothesis.columns
+    for place, (member, column) in enumerate(zip(fit.hypothesis.members, columns, strict=True)):
+        if not isinstance(member, Candidate) or isinstance(member, Untied):
             continue
-        if are_compatible(rest, other):
+        rest, names = fit.hypothesis.without(place), _names_of(member)
+        for other in options:
+            if not _is_simpler(other, member) or not are_compatible(rest, other):
+                continue
             kept = [names.index(name) for name in _names_of(other)]
             start = _exchange(fit, place, other, other.neutral)
             labels = [one.label for one in start.hypothesis.members]
-            start.points[..., start.hypothesis.columns[labels.index(other.label)]] = values[:, kept]
-            found[other.label] = start
+            own = start.hypothesis.columns[labels.index(other.label)]
+            start.points[..., own] = fit.values[:, column][:, kept]
+            found[start.hypothesis.label] = start
     return list(found.values())
 
 

@@ -175,7 +175,7 @@ class Search:
         for rest in {fit.label: fit for fit in (*parts, *shorter)}.values():
             alike = pick_alike(self.glance, own, rest, lines, self.settings.alike)
             self._fit(alike, tried, alike=True)
-        return [start for place in every for start in list_simpler(best, place, others)]
+        return list_simpler(best, others)
 
     def _fit(self, starts: Sequence[Start], tried: dict[str, Fit], alike: bool = False) -> None:
         """Fit starts into what was tried: at a glance, and the better half of each size fully.

@@ -66,7 +66,7 @@ def test_a_curve_that_yields_is_compared_with_dry_friction_that_does(tmp_path: P
     assert curve.elaborated() is None  # its bristles are fitted from the start
     start = Start(Hypothesis((curve,)), np.array([[0.1, 0.5, 2e-3]]))
     (fit,) = Judge(data).fitter.fit([start], rounds=0)
-    simpler = {one.hypothesis.label: one.points for one in list_simpler(fit, 0, [plain, more])}
+    simpler = {one.hypothesis.label: one.points for one in list_simpler(fit, [plain, more])}
     assert set(simpler) == {LABEL, f"{LABEL} (bristle)"}
     np.testing.assert_array_equal(simpler[f"{LABEL} (bristle)"][0, 0], [0.1, 2e-3])
 

@@ -123,12 +123,12 @@ def test_a_simpler_law_starts_at_the_values_that_it_shares(tmp_path: Path) -> No
     stribeck = members["stribeck_friction.a"]
     values = stribeck.probes[:1]
     (fit,) = judge.search.glance.fit([Start(Hypothesis((stribeck,)), values)], rounds=0)
-    (start,) = list_simpler(fit, 0, members.values())
+    (start,) = list_simpler(fit, members.values())
     assert start.hypothesis.label == "coulomb_friction.a"
     np.testing.assert_array_equal(start.points.ravel(), [values[0, 0]] * 2)
     both = join_members(fit, (members["coulomb_friction.a"],), np.array([[0.1]]))
     (fit,) = judge.search.glance.fit([both], rounds=0)
-    assert list_simpler(fit, 0, members.values()) == []
+    assert list_simpler(fit, members.values()) == []
 
 
 def test_lines_say_what_promises_something(traced: tuple[Judge, list[Line]]) -> None:
